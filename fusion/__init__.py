@@ -1,0 +1,1 @@
+"""Several maps into one: registration, verification and fusion; a named room that the next release fills."""
