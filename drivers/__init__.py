@@ -1,0 +1,1 @@
+"""Sensors and their wire formats: stamped messages, devices, emulators and recordings."""

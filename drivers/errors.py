@@ -1,0 +1,41 @@
+"""What can go wrong with a device, a link or a recording, as typed errors.
+
+Every text names the thing (port, file), what was found and what to do about it, on one line: the command line prints it
+as it stands.
+"""
+
+
+class DriverError(Exception):
+    """A device or its link cannot be used; the command line exits with 4."""
+
+
+class PortMissingError(DriverError):
+    """No such port: nothing is plugged in under that name."""
+
+
+class PortPermissionError(DriverError):
+    """The port is there, but this user may not open it."""
+
+
+class PortBusyError(DriverError):
+    """Another process holds the port."""
+
+
+class SilentPortError(DriverError):
+    """The port opens and nothing answers on it at any baud rate that was tried."""
+
+
+class WrongBaudError(DriverError):
+    """Bytes arrive, but they make no sense at the baud rate that was asked for."""
+
+
+class DeviceFaultError(DriverError):
+    """The device answers and reports a fault of its own (protection stop, stalled motor, refused command)."""
+
+
+class DeviceLostError(DriverError):
+    """The device was there and went away during use (unplugged, silent)."""
+
+
+class RecordingError(Exception):
+    """A file is not a recording that can be read, or holds nothing of use; the command line exits with 1."""

@@ -1,0 +1,152 @@
+"""The stamped messages that flow from the sensors into mapping.
+
+All are immutable; arrays are checked once and made read-only. Stamps are integer nanoseconds of wall-clock time
+(monotonic clock at the read plus one offset fixed at start, see DESIGN in docs/). Units are SI, angles radians
+counter-clockwise (REP-103).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+
+def _frozen_array(values: FloatArray, shape: tuple[int | None, ...], name: str) -> FloatArray:
+    """Return a read-only float64 copy of `values`; raise ValueError unless its shape matches (None = any length)."""
+    array = np.array(values, dtype=np.float64)
+    if array.ndim != len(shape) or any(
+        want is not None and want != got for want, got in zip(shape, array.shape, strict=True)
+    ):
+        raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
+    array.setflags(write=False)
+    return array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LaserScan:
+    """One turn of a planar laser, as individual samples in the order in which they were taken.
+
+    stamp_ns: acquisition time of the first sample. angles_rad: (N,) in the laser frame, counter-clockwise, any order.
+    ranges_m: (N,); 0, NaN, infinite, < range_min_m or >= range_max_m means "no measurement", never "free".
+    offsets_s: (N,) time of each sample after stamp_ns (all 0 where the source does not tell).
+    intensities: (N,) or None where the sensor does not measure it. complete: False for a partial turn or one with a
+    gap in its bytes. Raises ValueError for shapes that disagree.
+    """
+
+    stamp_ns: int
+    angles_rad: FloatArray
+    ranges_m: FloatArray
+    offsets_s: FloatArray
+    range_min_m: float
+    range_max_m: float
+    frame_id: str = "laser"
+    intensities: FloatArray | None = None
+    complete: bool = True
+
+    def __post_init__(self) -> None:
+        count = np.shape(self.ranges_m)[0] if np.ndim(self.ranges_m) == 1 else -1
+        for name in ("angles_rad", "ranges_m", "offsets_s"):
+            object.__setattr__(self, name, _frozen_array(getattr(self, name), (count,), name))
+        if self.intensities is not None:
+            object.__setattr__(self, "intensities", _frozen_array(self.intensities, (count,), "intensities"))
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """(N,) True where the sample is a measurement."""
+        ranges = self.ranges_m
+        return np.isfinite(ranges) & (ranges > 0) & (ranges >= self.range_min_m) & (ranges < self.range_max_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odometry:
+    """Planar wheel (or other external) odometry: pose (x, y, yaw) of child_frame in frame, in m and rad.
+
+    twist is (vx, vy, wz) in the child frame, m/s and rad/s.
+    """
+
+    stamp_ns: int
+    pose: FloatArray
+    twist: FloatArray
+    frame_id: str = "odom"
+    child_frame_id: str = "base_link"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", _frozen_array(self.pose, (3,), "pose"))
+        object.__setattr__(self, "twist", _frozen_array(self.twist, (3,), "twist"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transform:
+    """Pose of child frame in parent frame: translation (3,) in m, quaternion (4,) as x, y, z, w."""
+
+    stamp_ns: int
+    parent: str
+    child: str
+    translation: FloatArray
+    quaternion: FloatArray
+    static: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "translation", _frozen_array(self.translation, (3,), "translation"))
+        object.__setattr__(self, "quaternion", _frozen_array(self.quaternion, (4,), "quaternion"))
+
+
+@dataclass(frozen=True, slots=True)
+class RawChunk:
+    """Bytes exactly as one read of the lidar's port returned them; stamp_ns is the clock right after that read."""
+
+    stamp_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class LidarStream:
+    """A lidar began to stream: all that decoding the raw chunks after this message needs.
+
+    answer_type: 0x81 standard nodes, 0x82 express, 0x84 ultra, 0x85 dense capsules. sample_us: time per sample.
+    range_max_m: the mode's maximum distance.
+    """
+
+    stamp_ns: int
+    model: str
+    firmware: str
+    hardware: int
+    serial: str
+    baud: int
+    mode: str
+    answer_type: int
+    sample_us: float
+    range_max_m: float
+    range_min_m: float = 0.15
+    frame_id: str = "laser"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GridSnapshot:
+    """A map as other tools see it (nav_msgs/OccupancyGrid).
+
+    cells: (rows, cols) int8, -1 unknown, 0 free to 100 occupied. Row 0 is at the lowest y; origin is the pose (x, y, yaw)
+    of the lower-left corner of cell (0, 0) in frame_id.
+    """
+
+    stamp_ns: int
+    resolution_m: float
+    origin: FloatArray
+    cells: NDArray[np.int8]
+    frame_id: str = "map"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "origin", _frozen_array(self.origin, (3,), "origin"))
+        cells = np.array(self.cells, dtype=np.int8)
+        if cells.ndim != 2:
+            raise ValueError(f"cells has shape {cells.shape}, expected (rows, cols)")
+        cells.setflags(write=False)
+        object.__setattr__(self, "cells", cells)
+
+
+Message = LaserScan | Odometry | Transform | RawChunk | LidarStream
+Recordable = Message | GridSnapshot

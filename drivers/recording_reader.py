@@ -1,0 +1,160 @@
+"""Open a recording, whatever it is stored in, and yield our messages in the order in which they were received.
+
+Accepted: an MCAP file, a ROS 2 bag file (.db3), and a folder of either, with or without metadata.yaml. Damaged or
+unfinished files are read as far as they go.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+
+from typing_extensions import Self
+
+from drivers.errors import RecordingError
+from drivers.messages import GridSnapshot, Message
+from drivers.recording_files import open_storages
+from drivers.recording_storage import Storage
+from drivers.ros_codec import (
+    GRID_TYPE,
+    ODOMETRY_TYPE,
+    RAW_TYPE,
+    SCAN_TYPE,
+    STREAM_TYPE,
+    TRANSFORM_TYPE,
+    decode,
+    is_decodable,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic of a recording; decoded: its messages are of a kind that `Recording.messages` can yield."""
+
+    name: str
+    type: str
+    count: int
+    decoded: bool
+
+
+class Recording:
+    """An open recording: a MessageSource with a table of contents.
+
+    topics: all of them. metadata: the writer's records {name: {key: value}}. start_ns, end_ns: first and last log time.
+    skipped: messages of types that nothing here decodes, counted by type. scan_topic: the LaserScan topic that is
+    yielded (the one with the most messages), None where raw lidar bytes replace it or there is none. odometry_topic:
+    likewise, /odom first. Damage may show only while reading: see `truncated` and `problems` after the last message.
+    """
+
+    def __init__(self, path: Path, storages: Sequence[Storage], problems: Sequence[str] = ()) -> None:
+        self.path = path
+        self._storages = storages
+        self._missing = tuple(problems)
+        self._undecodable: Counter[str] = Counter()
+        self.topics = _merged_topics(storages)
+        self.metadata = {name: dict(values) for storage in storages for name, values in storage.metadata.items()}
+        self.start_ns = min((storage.start_ns for storage in storages if storage.end_ns), default=0)
+        self.end_ns = max(storage.end_ns for storage in storages)
+        skipped: Counter[str] = Counter()
+        for topic in self.topics:
+            skipped[topic.type] += 0 if topic.decoded else topic.count
+        self.skipped = {name: count for name, count in skipped.items() if count}
+        self._raw_topics = {t.name for t in self.topics if t.type in (RAW_TYPE, STREAM_TYPE) and t.decoded and t.count}
+        self.has_raw = {t.type for t in self.topics if t.name in self._raw_topics} == {RAW_TYPE, STREAM_TYPE}
+        self.scan_topic = None if self.has_raw else _main_topic(self.topics, SCAN_TYPE)
+        self.odometry_topic = _main_topic(self.topics, ODOMETRY_TYPE, first_choice="/odom")
+
+    def messages(self, scan_topic: str | None = None) -> Iterator[Message]:
+        """Yield the messages in the order of their log times.
+
+        scan_topic: take the LaserScans of this topic instead of the default, and instead of raw lidar bytes. Raises
+        RecordingError if there is no such topic.
+        """
+        scans = [topic.name for topic in self.topics if topic.type == SCAN_TYPE]
+        if scan_topic is not None and scan_topic not in scans:
+            known = ", ".join(scans) or "none"
+            raise RecordingError(f"{self.path}: no LaserScan topic {scan_topic!r}; LaserScan topics in it: {known}")
+        chosen = {scan_topic or self.scan_topic, self.odometry_topic} - {None}
+        chosen |= {topic.name for topic in self.topics if topic.type == TRANSFORM_TYPE}
+        if scan_topic is None:
+            chosen |= self._raw_topics
+        return self._decoded({name for name in chosen if name is not None})
+
+    @property
+    def truncated(self) -> bool:
+        """True if part of the recording is known to be lost."""
+        return bool(self._missing) or any(storage.truncated for storage in self._storages)
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the recording, as far as it was read, one line each."""
+        damage = [f"{storage.path.name}: {text}" for storage in self._storages for text in storage.problems]
+        undecodable = [f"{topic}: {count} messages do not decode" for topic, count in self._undecodable.items()]
+        return [*self._missing, *damage, *undecodable]
+
+    def close(self) -> None:
+        """Release the files; closing twice is allowed."""
+        for storage in self._storages:
+            storage.close()
+
+    def __iter__(self) -> Iterator[Message]:
+        return self.messages()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def _decoded(self, topics: Collection[str]) -> Iterator[Message]:
+        self._undecodable.clear()
+        files = [storage.messages(topics) for storage in self._storages]
+        for stored in heapq.merge(*files, key=lambda message: message.log_time_ns):
+            if not is_decodable(stored.type_name, stored.topic):
+                continue  # a second type on a topic that we read
+            try:
+                decoded = decode(stored.type_name, stored.data, stored.topic, stored.log_time_ns)
+            except RecordingError:
+                self._undecodable[stored.topic] += 1
+                continue
+            for message in decoded:
+                if not isinstance(message, GridSnapshot):
+                    yield message
+
+
+def open_recording(path: Path) -> Recording:
+    """Open a recording for reading.
+
+    Raises RecordingError, with what was found and what is accepted, for anything that is not one or holds no message.
+    """
+    storages, problems = open_storages(path)
+    recording = Recording(path, storages, problems)
+    if not any(topic.count for topic in recording.topics):
+        recording.close()
+        why = f" ({recording.problems[0]})" if recording.problems else ""
+        raise RecordingError(f"{path}: no messages in it{why}")
+    return recording
+
+
+def _merged_topics(storages: Sequence[Storage]) -> list[TopicInfo]:
+    counts: Counter[tuple[str, str]] = Counter()
+    for storage in storages:
+        for topic in storage.topics:
+            counts[topic.name, topic.type_name] += topic.count
+    return [
+        TopicInfo(name, type_name, count, is_decodable(type_name, name) and type_name != GRID_TYPE)
+        for (name, type_name), count in counts.items()
+    ]
+
+
+def _main_topic(topics: Sequence[TopicInfo], type_name: str, first_choice: str = "") -> str | None:
+    """Return the topic of this type with the most messages, or `first_choice` if that has any."""
+    candidates = [topic for topic in topics if topic.type == type_name and topic.count]
+    best = max(candidates, key=lambda topic: (topic.name == first_choice, topic.count), default=None)
+    return best.name if best else None

@@ -1,0 +1,280 @@
+"""ROS 2 messages in CDR <-> the messages of this project; the only user of the rosbags type store.
+
+| ours | ROS type | topic |
+|---|---|---|
+| RawChunk | std_msgs/msg/UInt8MultiArray | /lidar/raw (stamp = log time) |
+| LidarStream | std_msgs/msg/String holding JSON | /lidar/stream (latched) |
+| LaserScan | sensor_msgs/msg/LaserScan | /scan |
+| Odometry | nav_msgs/msg/Odometry | /odom |
+| Transform | tf2_msgs/msg/TFMessage | /tf, /tf_static (latched) |
+| GridSnapshot | nav_msgs/msg/OccupancyGrid | /map (latched) |
+
+The first two use general types (every channel of a ROS recording needs a schema), so their topic decides what they are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.stores import ros2_humble as ros
+
+from drivers.errors import RecordingError
+from drivers.messages import (
+    FloatArray,
+    GridSnapshot,
+    LaserScan,
+    LidarStream,
+    Odometry,
+    RawChunk,
+    Recordable,
+    Transform,
+)
+from drivers.recording_scan import BinnedScan, bin_count, bin_scan, unbin_scan
+
+RAW_TYPE = "std_msgs/msg/UInt8MultiArray"
+STREAM_TYPE = "std_msgs/msg/String"
+SCAN_TYPE = "sensor_msgs/msg/LaserScan"
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+TRANSFORM_TYPE = "tf2_msgs/msg/TFMessage"
+GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
+
+_TYPES: dict[type[Recordable], str] = {
+    RawChunk: RAW_TYPE,
+    LidarStream: STREAM_TYPE,
+    LaserScan: SCAN_TYPE,
+    Odometry: ODOMETRY_TYPE,
+    Transform: TRANSFORM_TYPE,
+    GridSnapshot: GRID_TYPE,
+}
+_TOPICS: dict[type[Recordable], str] = {
+    RawChunk: "/lidar/raw",
+    LidarStream: "/lidar/stream",
+    LaserScan: "/scan",
+    Odometry: "/odom",
+    Transform: "/tf",
+    GridSnapshot: "/map",
+}
+_STORE = get_typestore(Stores.ROS2_HUMBLE)
+_NS = 1_000_000_000
+
+
+def ros_type(message: Recordable) -> str:
+    """Return the ROS type that carries this message."""
+    return _TYPES[type(message)]
+
+
+def default_topic(message: Recordable) -> str:
+    """Return the topic on which this message is recorded unless the caller says otherwise."""
+    if isinstance(message, Transform) and message.static:
+        return "/tf_static"
+    return _TOPICS[type(message)]
+
+
+def is_latched(message: Recordable) -> bool:
+    """Tell whether a late subscriber must still get the last message (QoS durability transient_local)."""
+    return isinstance(message, LidarStream | GridSnapshot) or (isinstance(message, Transform) and message.static)
+
+
+@cache
+def schema_text(type_name: str) -> str:
+    """Return the ros2msg definition of a type followed by all that it depends on, as rosbag2 stores it."""
+    return _STORE.generate_msgdef(type_name, ros_version=2)[0]
+
+
+@cache
+def type_hash(type_name: str) -> str:
+    """Return the RIHS01 hash by which ROS 2 compares types (REP-2011)."""
+    return _STORE.hash_rihs01(type_name)
+
+
+def encode(message: Recordable, scan_bins: int | None = None) -> bytes:
+    """Return the message as CDR; a LaserScan goes onto `scan_bins` constant bins (default: `bin_count` of it)."""
+    if isinstance(message, Transform):
+        return encode_transforms([message])
+    body: object
+    if isinstance(message, RawChunk):
+        data = np.frombuffer(message.data, dtype=np.uint8)
+        body = ros.std_msgs__msg__UInt8MultiArray(ros.std_msgs__msg__MultiArrayLayout([], 0), data)
+    elif isinstance(message, LidarStream):
+        body = ros.std_msgs__msg__String(json.dumps(dataclasses.asdict(message)))
+    elif isinstance(message, LaserScan):
+        body = _scan_to_ros(message, scan_bins or bin_count(message))
+    elif isinstance(message, Odometry):
+        body = _odometry_to_ros(message)
+    else:
+        body = _grid_to_ros(message)
+    return bytes(_STORE.serialize_cdr(body, ros_type(message)))
+
+
+def encode_transforms(transforms: Sequence[Transform]) -> bytes:
+    """Return the transforms as one CDR tf2_msgs/msg/TFMessage."""
+    stamped = [
+        ros.geometry_msgs__msg__TransformStamped(
+            _header(transform.stamp_ns, transform.parent),
+            transform.child,
+            ros.geometry_msgs__msg__Transform(
+                ros.geometry_msgs__msg__Vector3(*transform.translation.tolist()),
+                ros.geometry_msgs__msg__Quaternion(*transform.quaternion.tolist()),
+            ),
+        )
+        for transform in transforms
+    ]
+    return bytes(_STORE.serialize_cdr(ros.tf2_msgs__msg__TFMessage(stamped), TRANSFORM_TYPE))
+
+
+def is_decodable(type_name: str, topic: str) -> bool:
+    """Tell whether `decode` knows messages of this type on this topic."""
+    suffix = {RAW_TYPE: "/lidar/raw", STREAM_TYPE: "/lidar/stream"}.get(type_name)
+    return topic.endswith(suffix) if suffix else type_name in _TYPES.values()
+
+
+def decode(type_name: str, data: bytes, topic: str, log_time_ns: int) -> tuple[Recordable, ...]:
+    """Return what one CDR message holds (a TFMessage: any number of transforms).
+
+    The type must be one that `is_decodable` accepts. Raises RecordingError when the bytes are not a message of it.
+    """
+    try:
+        return _from_ros(_STORE.deserialize_cdr(data, type_name), topic, log_time_ns)
+    except (SerdeError, ValueError, TypeError) as error:
+        raise RecordingError(f"{topic}: {len(data)} bytes are not a {type_name}: {error}") from error
+
+
+def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[Recordable, ...]:
+    match body:
+        case ros.std_msgs__msg__UInt8MultiArray():
+            return (RawChunk(log_time_ns, body.data.tobytes()),)
+        case ros.std_msgs__msg__String():
+            return (_stream_from_ros(body),)
+        case ros.sensor_msgs__msg__LaserScan():
+            return (_scan_from_ros(body),)
+        case ros.nav_msgs__msg__Odometry():
+            return (_odometry_from_ros(body),)
+        case ros.tf2_msgs__msg__TFMessage():
+            return _transforms_from_ros(body, static=topic.endswith("tf_static"))
+        case ros.nav_msgs__msg__OccupancyGrid():
+            return (_grid_from_ros(body),)
+    raise TypeError(f"no decoder for {type(body).__name__}")
+
+
+def _header(stamp_ns: int, frame_id: str) -> ros.std_msgs__msg__Header:
+    return ros.std_msgs__msg__Header(ros.builtin_interfaces__msg__Time(*divmod(stamp_ns, _NS)), frame_id)
+
+
+def _stamp_ns(header: ros.std_msgs__msg__Header) -> int:
+    return header.stamp.sec * _NS + header.stamp.nanosec
+
+
+def _scan_to_ros(scan: LaserScan, bins: int) -> ros.sensor_msgs__msg__LaserScan:
+    binned = bin_scan(scan, bins)
+    intensities = np.zeros(0) if binned.intensities is None else binned.intensities
+    return ros.sensor_msgs__msg__LaserScan(
+        header=_header(binned.stamp_ns, scan.frame_id),
+        angle_min=binned.start_rad,
+        angle_max=binned.start_rad + (bins - 1) * binned.step_rad,
+        angle_increment=binned.step_rad,
+        time_increment=binned.step_s,
+        scan_time=binned.step_s * bins,
+        range_min=scan.range_min_m,
+        range_max=scan.range_max_m,
+        ranges=binned.ranges_m.astype(np.float32),
+        intensities=intensities.astype(np.float32),
+    )
+
+
+def _scan_from_ros(body: ros.sensor_msgs__msg__LaserScan) -> LaserScan:
+    if not (math.isfinite(body.angle_min) and math.isfinite(body.angle_increment)):
+        raise ValueError(f"angle_min {body.angle_min} and angle_increment {body.angle_increment} must be finite")
+    binned = BinnedScan(
+        stamp_ns=_stamp_ns(body.header),
+        start_rad=body.angle_min,
+        step_rad=body.angle_increment,
+        step_s=body.time_increment,
+        ranges_m=body.ranges.astype(np.float64),
+        intensities=body.intensities.astype(np.float64) if body.intensities.size else None,
+    )
+    return unbin_scan(
+        binned,
+        range_min_m=body.range_min,
+        range_max_m=body.range_max,
+        frame_id=body.header.frame_id,
+        scan_time_s=body.scan_time,
+    )
+
+
+def _planar_pose(x: float, y: float, yaw: float) -> ros.geometry_msgs__msg__Pose:
+    turn = ros.geometry_msgs__msg__Quaternion(0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
+    return ros.geometry_msgs__msg__Pose(ros.geometry_msgs__msg__Point(x, y, 0.0), turn)
+
+
+def _xy_yaw(pose: ros.geometry_msgs__msg__Pose) -> FloatArray:
+    """Project a pose on the plane: yaw of the quaternion's x axis, whatever the quaternion's length."""
+    q = pose.orientation
+    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), q.w**2 + q.x**2 - q.y**2 - q.z**2)
+    return np.array([pose.position.x, pose.position.y, yaw])
+
+
+def _odometry_to_ros(odometry: Odometry) -> ros.nav_msgs__msg__Odometry:
+    vx, vy, wz = odometry.twist.tolist()
+    vector = ros.geometry_msgs__msg__Vector3
+    twist = ros.geometry_msgs__msg__Twist(vector(vx, vy, 0.0), vector(0.0, 0.0, wz))
+    return ros.nav_msgs__msg__Odometry(
+        header=_header(odometry.stamp_ns, odometry.frame_id),
+        child_frame_id=odometry.child_frame_id,
+        pose=ros.geometry_msgs__msg__PoseWithCovariance(_planar_pose(*odometry.pose.tolist()), np.zeros(36)),
+        twist=ros.geometry_msgs__msg__TwistWithCovariance(twist, np.zeros(36)),
+    )
+
+
+def _odometry_from_ros(body: ros.nav_msgs__msg__Odometry) -> Odometry:
+    twist = body.twist.twist
+    return Odometry(
+        stamp_ns=_stamp_ns(body.header),
+        pose=_xy_yaw(body.pose.pose),
+        twist=np.array([twist.linear.x, twist.linear.y, twist.angular.z]),
+        frame_id=body.header.frame_id,
+        child_frame_id=body.child_frame_id,
+    )
+
+
+def _transforms_from_ros(body: ros.tf2_msgs__msg__TFMessage, *, static: bool) -> tuple[Transform, ...]:
+    return tuple(
+        Transform(
+            stamp_ns=_stamp_ns(stamped.header),
+            parent=stamped.header.frame_id,
+            child=stamped.child_frame_id,
+            translation=np.array([getattr(stamped.transform.translation, axis) for axis in "xyz"]),
+            quaternion=np.array([getattr(stamped.transform.rotation, axis) for axis in "xyzw"]),
+            static=static,
+        )
+        for stamped in body.transforms
+    )
+
+
+def _grid_to_ros(grid: GridSnapshot) -> ros.nav_msgs__msg__OccupancyGrid:
+    header = _header(grid.stamp_ns, grid.frame_id)
+    rows, cols = grid.cells.shape
+    origin = _planar_pose(*grid.origin.tolist())
+    info = ros.nav_msgs__msg__MapMetaData(header.stamp, grid.resolution_m, cols, rows, origin)
+    return ros.nav_msgs__msg__OccupancyGrid(header, info, np.ascontiguousarray(grid.cells).ravel())
+
+
+def _grid_from_ros(body: ros.nav_msgs__msg__OccupancyGrid) -> GridSnapshot:
+    cells = body.data.reshape(body.info.height, body.info.width)
+    origin = _xy_yaw(body.info.origin)
+    return GridSnapshot(_stamp_ns(body.header), body.info.resolution, origin, cells, body.header.frame_id)
+
+
+def _stream_from_ros(body: ros.std_msgs__msg__String) -> LidarStream:
+    """Decode the JSON of a LidarStream; keys of later versions are ignored, missing ones are errors."""
+    values = json.loads(body.data)
+    if not isinstance(values, dict):
+        raise TypeError(f"expected a JSON object, found {body.data[:40]!r}")
+    known = {field.name for field in dataclasses.fields(LidarStream)}
+    return LidarStream(**{name: value for name, value in values.items() if name in known})
