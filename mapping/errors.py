@@ -1,0 +1,13 @@
+"""What can go wrong with mapping's files and inputs; each text is one line with value, expectation and remedy."""
+
+
+class MappingError(Exception):
+    """Base of this layer's errors; the command line exits with 1."""
+
+
+class TrajectoryError(MappingError):
+    """A trajectory file cannot be used."""
+
+
+class MapFileError(MappingError):
+    """A map file (YAML, image or grid) cannot be used."""

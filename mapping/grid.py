@@ -1,0 +1,143 @@
+"""The occupancy grid: a frozen map, and the builder that grows one from scans at known poses."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping import se2
+from mapping.raycast import integrate_rays
+from mapping.sensor_models import LidarModel
+
+FloatArray = NDArray[np.float64]
+LogOdds = NDArray[np.float32]
+
+LOG_ODDS_CLAMP = 7.0
+OCCUPIED_THRESHOLD = 0.65
+FREE_THRESHOLD = 0.196
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OccupancyGrid:
+    """Log-odds (rows, cols) float32, unknown exactly 0, row 0 at the lowest y.
+
+    origin (3,) is the pose (x, y, yaw) of the lower-left corner of cell (0, 0) in the map frame; resolution_m is metres
+    a cell. Raises ValueError for wrong shapes and values.
+    """
+
+    log_odds: LogOdds
+    resolution_m: float
+    origin: FloatArray
+
+    def __post_init__(self) -> None:
+        cells = np.array(self.log_odds, dtype=np.float32)
+        origin = np.array(self.origin, dtype=np.float64)
+        if cells.ndim != 2 or cells.size == 0:
+            raise ValueError(f"log_odds has shape {cells.shape}, expected (rows, cols) with at least one cell")
+        if not np.isfinite(cells).all():
+            raise ValueError("log_odds holds values that are not finite")
+        if origin.shape != (3,) or not np.isfinite(origin).all():
+            raise ValueError(f"origin {origin} is not a finite pose (x, y, yaw)")
+        if not (math.isfinite(self.resolution_m) and self.resolution_m > 0):
+            raise ValueError(f"resolution {self.resolution_m} m is not positive")
+        for name, array in (("log_odds", cells), ("origin", origin)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def probability(self) -> NDArray[np.float32]:
+        """(rows, cols) occupancy probability; 0.5 where unknown (inverse of thesis eq. 2.7)."""
+        return np.asarray(1.0 / (1.0 + np.exp(-self.log_odds)), dtype=np.float32)
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(rows, cols) True where there is any evidence."""
+        return np.asarray(self.log_odds != 0.0)
+
+    @property
+    def occupied(self) -> NDArray[np.bool_]:
+        """(rows, cols) True where a map_server would draw a wall."""
+        return np.asarray(self.probability >= OCCUPIED_THRESHOLD)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(rows, cols) True where a map_server would draw free space."""
+        return np.asarray(self.probability <= FREE_THRESHOLD)
+
+    def cell_coordinates(self, points: FloatArray) -> FloatArray:
+        """Return map-frame points (N, 2) in cells (x, y) from the lower-left corner of cell (0, 0)."""
+        return se2.transform_points(se2.inverse(self.origin), points) / self.resolution_m
+
+    def cell_centers(self, rows: NDArray[np.intp], cols: NDArray[np.intp]) -> FloatArray:
+        """Return the map-frame centres (N, 2) of the cells."""
+        local = np.column_stack([cols + 0.5, rows + 0.5]) * self.resolution_m
+        return se2.transform_points(self.origin, local)
+
+
+class GridBuilder:
+    """Grows an occupancy grid from points seen at known poses (thesis Algorithm 1)."""
+
+    def __init__(self, resolution_m: float, model: LidarModel) -> None:
+        self._resolution_m = resolution_m
+        self._model = model
+        self._low = np.zeros(2, dtype=np.int64)  # cell index of the array's lower-left cell in the unbounded grid
+        self._log_odds = np.zeros((1, 1), dtype=np.float32)
+        self._visited = np.zeros((1, 1), dtype=np.int32)
+        self._scans = 0
+
+    def add_scan(self, sensor: FloatArray, points: FloatArray) -> None:
+        """Add the evidence of points (N, 2) measured from sensor (2,), both in the map frame."""
+        if len(points) == 0:
+            return
+        rays = points - sensor
+        ranges = np.hypot(rays[:, 0], rays[:, 1])
+        is_hit = ranges <= self._model.max_range_m
+        shortened = np.minimum(1.0, self._model.max_range_m / np.maximum(ranges, 1e-9))
+        ends = sensor + rays * shortened[:, np.newaxis]
+        self._grow_to(np.vstack([ends, sensor[np.newaxis, :]]))
+        self._scans += 1
+        integrate_rays(
+            self._log_odds,
+            self._visited,
+            self._scans,
+            sensor / self._resolution_m - self._low,
+            ends / self._resolution_m - self._low,
+            is_hit,
+            self._model.hit_log_odds(ranges, self._resolution_m),
+            self._model.miss_log_odds,
+            LOG_ODDS_CLAMP,
+        )
+
+    def grid(self) -> OccupancyGrid:
+        """Return the map so far, cut to its known cells; its origin lies on whole cells."""
+        rows, cols = np.nonzero(self._log_odds)
+        if len(rows) == 0:
+            return OccupancyGrid(np.zeros((1, 1), np.float32), self._resolution_m, np.zeros(3))
+        cut = self._log_odds[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
+        corner = (self._low + np.array([cols.min(), rows.min()])) * self._resolution_m
+        return OccupancyGrid(cut, self._resolution_m, np.array([corner[0], corner[1], 0.0]))
+
+    def _grow_to(self, points: FloatArray) -> None:
+        """Enlarge the arrays, with a margin, so that every point lies inside."""
+        cells = np.floor(points / self._resolution_m).astype(np.int64)
+        lowest, highest = cells.min(axis=0), cells.max(axis=0) + 2  # one spare: x / resolution - low may round up
+        low, high = self._low, self._low + self._log_odds.shape[::-1]
+        if self._scans and (lowest >= low).all() and (highest <= high).all():
+            return
+        margin = math.ceil(self._model.max_range_m / self._resolution_m / 2.0)
+        new_low, new_high = lowest - margin, highest + margin
+        if self._scans:
+            new_low = np.where(lowest < low, new_low, low)
+            new_high = np.where(highest > high, new_high, high)
+        before, after = (low - new_low).tolist(), (new_high - high).tolist()
+        if not self._scans:
+            self._log_odds = np.zeros((new_high - new_low)[::-1], dtype=np.float32)
+            self._visited = np.zeros_like(self._log_odds, dtype=np.int32)
+        else:
+            padding = ((before[1], after[1]), (before[0], after[0]))
+            self._log_odds = np.pad(self._log_odds, padding)
+            self._visited = np.pad(self._visited, padding)
+        self._low = new_low
