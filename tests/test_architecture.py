@@ -1,0 +1,92 @@
+"""The layers hold: contracts of pyproject.toml, one importing file per adapter, a core without clock or chance."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from importlinter.cli import EXIT_STATUS_SUCCESS, lint_imports
+
+PACKAGES = ("drivers", "mapping", "fusion", "planning", "tools")
+
+# Third-party package -> the modules that may import it: a device, a format or an engine is adapted in one place.
+ADAPTERS = {
+    "kiss_icp": {"mapping.odometry"},
+    "matplotlib": {"tools.plots"},
+    "mcap": {"drivers.recording_mcap"},
+    "rosbags": {"drivers.ros_codec"},
+    "serial": {"drivers.serial_link"},
+}
+# Each costs a good part of a second: the command that needs one imports it, so that --help answers at once.
+SLOW_TO_IMPORT = ("cv2", "kiss_icp", "matplotlib", "numba", "rosbags", "scipy")
+CLOCKS_AND_CHANCE = {"datetime", "random", "secrets", "time", "uuid"}
+NAMES_WITHOUT_CONTENT = {"base", "common", "helper", "helpers", "manager", "misc", "shared", "types", "util", "utils"}
+
+
+def module_paths(project_root: Path, *packages: str) -> dict[str, Path]:
+    """Module name -> file, of all modules of the packages."""
+    return {
+        ".".join(path.relative_to(project_root).with_suffix("").parts).removesuffix(".__init__"): path
+        for package in packages
+        for path in sorted((project_root / package).rglob("*.py"))
+    }
+
+
+def imported_packages(source: str) -> Iterator[str]:
+    """Yield the top-level name of each absolute import, wherever in the file it stands."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name.partition(".")[0] for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            yield node.module.partition(".")[0]
+
+
+def importers_of(project_root: Path, package: str) -> set[str]:
+    return {
+        module
+        for module, path in module_paths(project_root, *PACKAGES).items()
+        if package in imported_packages(path.read_text(encoding="utf-8"))
+    }
+
+
+def test_imports_are_found_wherever_they_stand() -> None:
+    source = "import a.b, c\ndef f():\n    from d.e import g\n    from . import h\n"
+    assert sorted(imported_packages(source)) == ["a", "c", "d"]
+
+
+def test_layer_contracts_hold(project_root: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    status = lint_imports(config_filename=str(project_root / "pyproject.toml"), no_cache=True)
+    assert status == EXIT_STATUS_SUCCESS, capsys.readouterr().out
+
+
+@pytest.mark.parametrize("package", sorted(ADAPTERS))
+def test_third_party_package_is_imported_by_its_adapter_only(package: str, project_root: Path) -> None:
+    assert importers_of(project_root, package) <= ADAPTERS[package]
+
+
+def test_core_packages_ask_no_clock_and_no_chance(project_root: Path) -> None:
+    offenders = {
+        module: found
+        for module, path in module_paths(project_root, "mapping", "fusion", "planning").items()
+        if (found := CLOCKS_AND_CHANCE.intersection(imported_packages(path.read_text(encoding="utf-8"))))
+    }
+    assert not offenders, "a replay must be a function of its file: take stamps and seeds as arguments"
+
+
+def test_every_file_is_named_after_what_is_in_it(project_root: Path) -> None:
+    modules = module_paths(project_root, *PACKAGES)
+    assert not [module for module in modules if NAMES_WITHOUT_CONTENT.intersection(module.split(".")[-1].split("_"))]
+
+
+def test_tests_have_no_package_files(project_root: Path) -> None:
+    assert not list((project_root / "tests").rglob("__init__.py"))
+
+
+def test_command_line_starts_without_the_slow_packages() -> None:
+    program = f"import sys, tools.cli; print([name for name in {SLOW_TO_IMPORT!r} if name in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (result.returncode, result.stdout.strip()) == (0, "[]"), result.stderr

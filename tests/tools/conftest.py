@@ -1,0 +1,96 @@
+"""The command line in this process or in one of its own, and an emulated car to map."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tools.cli import main
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What a command left behind."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def error_lines(self) -> list[str]:
+        """The lines on stderr that the error boundary printed."""
+        return [line for line in self.err.splitlines() if line.startswith("mapfuse-robot: ")]
+
+
+Cli = Callable[..., Outcome]
+
+
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Run a command in this process."""
+
+    def run(*arguments: str | os.PathLike[str]) -> Outcome:
+        monkeypatch.setattr(sys, "argv", ["mapfuse-robot", *map(str, arguments)])
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as end:
+            main()
+        printed = capsys.readouterr()
+        return Outcome(int(end.value.code or 0), printed.out, printed.err)
+
+    return run
+
+
+class Spawned:
+    """A command in a process of its own, which Ctrl-C ends."""
+
+    def __init__(self, arguments: Sequence[str]) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "tools.cli", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def event(self, wanted: str) -> dict[str, object]:
+        """Wait for an event of an emulator."""
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            event: dict[str, object] = json.loads(line)
+            if event["event"] == wanted:
+                return event
+        raise AssertionError(f"ended before {wanted}: {self.process.communicate()[1]}")
+
+    def end(self, number: int = signal.SIGINT) -> Outcome:
+        """Send a signal and wait."""
+        self.process.send_signal(number)
+        out, err = self.process.communicate(timeout=60)
+        return Outcome(self.process.returncode, out, err)
+
+
+@pytest.fixture
+def spawn(project_root: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Spawned]]:
+    """Start commands in processes of their own; those that still run at the end of the test are ended."""
+    monkeypatch.setenv("PYTHONPATH", str(project_root))
+    with ExitStack() as cleanup:
+
+        def start(*arguments: str | os.PathLike[str]) -> Spawned:
+            spawned = Spawned([str(argument) for argument in arguments])
+            cleanup.callback(_finish, spawned.process)
+            return spawned
+
+        yield start
+
+
+def _finish(process: subprocess.Popen[str]) -> None:
+    if process.poll() is None:
+        process.kill()
+    process.communicate()

@@ -1,0 +1,243 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.pty_port import PtyPort
+from mapping.map_io import read_map
+from mapping.metrics import absolute_trajectory_error
+from mapping.trajectory import read_tum
+
+MAP_FILES = ("map.yaml", "map.pgm", "map.npz", "map.png", "trajectory.tum", "report.json")
+
+
+class SilentDevice:
+    """A device on a port that never says a word."""
+
+    def receive(self, data, now_ns):
+        return b""
+
+    def due(self, now_ns):
+        return b""
+
+
+class NoisyDevice(SilentDevice):
+    """A device that sends what no RPLIDAR sends."""
+
+    def due(self, now_ns):
+        return bytes([0x13, 0x37, 0x00, 0xFF])
+
+
+def mapped_scans(folder: Path) -> int:
+    return int(json.loads((folder / "report.json").read_text())["scans"]["mapped"])
+
+
+@pytest.mark.parametrize("model", ["A2M8", "A2M12"])
+def test_live_run_is_saved_on_ctrl_c_and_replays_to_the_same_bytes(model, spawn, cli, tmp_path):
+    truth = tmp_path / "truth.tum"
+    emulator = spawn("emulate", "lidar", "--model", model, "--truth", truth, "--json")
+    port = str(emulator.event("ready")["address"])
+    live = spawn("run", "--lidar", port, "-o", tmp_path / "live")
+    emulator.event("departed")
+    time.sleep(5.0)  # the car drives: a metre of speeding up, then two in its first room
+    ended = live.end(signal.SIGINT)
+    assert ended.code == 0, ended.err
+    emitted = emulator.end().out.splitlines()[-1]
+    for name in (*MAP_FILES, "recording.mcap"):
+        assert (tmp_path / "live" / name).stat().st_size > 0, name
+
+    report = json.loads((tmp_path / "live/report.json").read_text())
+    assert report["simulated"] is True
+    assert report["dropped_scans"] == 0
+    assert report["decoder"]["samples"] == pytest.approx(json.loads(emitted)["samples_emitted"], rel=0.01)
+
+    for folder in ("first", "second"):
+        again = cli("replay", tmp_path / "live/recording.mcap", "-o", tmp_path / folder)
+        assert again.code == 0, again.err
+        for name in ("trajectory.tum", "map.pgm", "map.yaml"):
+            assert (tmp_path / folder / name).read_bytes() == (tmp_path / "live" / name).read_bytes(), name
+        replayed, lived = (read_map(tmp_path / where / "map.npz") for where in (folder, "live"))
+        assert np.array_equal(replayed.log_odds, lived.log_odds)
+
+    error = absolute_trajectory_error(read_tum(tmp_path / "live/trajectory.tum"), read_tum(truth), align=False)
+    # Range noise is 1 cm; a laser that is mirrored, turned or late by a turn would be off by decimetres.
+    assert error.max_m < 0.06
+    assert error.max_deg < 1.5
+
+
+def test_sigterm_ends_a_recording_cleanly(spawn, cli, tmp_path):
+    emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
+    port = str(emulator.event("ready")["address"])
+    recorder = spawn("record", "--lidar", port, "-o", tmp_path / "r.mcap")
+    time.sleep(3.0)
+    ended = recorder.end(signal.SIGTERM)
+    assert ended.code == 0, ended.err
+    info = cli("bag", "info", tmp_path / "r.mcap", "--json")
+    counts = {topic["name"]: topic["count"] for topic in json.loads(info.out)["topics"]}
+    assert info.code == 0
+    assert counts["/lidar/raw"] > 50
+    assert counts["/scan"] > 5
+    assert cli("bag", "check", tmp_path / "r.mcap").code == 0
+
+
+def test_lidar_lost_during_the_run_leaves_everything_saved(spawn, tmp_path):
+    emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
+    port = str(emulator.event("ready")["address"])
+    live = spawn("run", "--lidar", port, "-o", tmp_path / "live")
+    emulator.event("departed")
+    time.sleep(1.5)
+    emulator.end()  # the port vanishes
+    _, err = live.process.communicate(timeout=30)
+    assert live.process.returncode == 4
+    assert err.splitlines()[-1].startswith("mapfuse-robot: ")
+    assert mapped_scans(tmp_path / "live") > 5
+    assert (tmp_path / "live/recording.mcap").exists()
+
+
+def test_missing_port_is_one_line_and_exit_code_4(cli, tmp_path):
+    outcome = cli("run", "--lidar", tmp_path / "no-such-port", "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (4, 1)
+    assert "no-such-port" in outcome.error_lines[0]
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture
+def without_rights():
+    """Root may open every port: act as nobody for a while."""
+    import tools.lidar_session  # noqa: F401
+    from tools.pipeline import warm_up
+
+    warm_up()  # what is loaded now need not be read by nobody, who may not be able to
+    user = os.geteuid()
+    if user == 0:
+        os.seteuid(65534)
+    yield
+    os.seteuid(user)
+
+
+def test_port_without_permission_names_the_group(cli, tmp_path, request):
+    with PtyPort(SilentDevice(), 115200) as port:
+        Path(port.name).chmod(0)
+        request.getfixturevalue("without_rights")
+        outcome = cli("run", "--lidar", port.name, "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (4, 1)
+    assert "dialout" in outcome.error_lines[0]
+
+
+def test_silent_port_is_one_line_and_exit_code_4(cli, tmp_path):
+    with PtyPort(SilentDevice(), 115200) as port:
+        outcome = cli("run", "--lidar", port.name, "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (4, 1)
+    assert "115200" in outcome.error_lines[0]
+
+
+def test_wrong_baud_in_the_configuration_is_one_line_and_exit_code_4(spawn, cli, tmp_path):
+    emulator = spawn("emulate", "lidar", "--model", "A2M12", "--pose", "1.6", "3.6", "0", "--json")
+    port = str(emulator.event("ready")["address"])
+    config = tmp_path / "config.yaml"
+    config.write_text("lidar: {baud: 115200}\n")
+    outcome = cli("run", "--lidar", port, "--config", config, "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (4, 1)
+    assert "115200" in outcome.error_lines[0]
+
+
+def test_port_that_talks_nonsense_is_one_line_and_exit_code_4(cli, tmp_path):
+    with PtyPort(NoisyDevice(), 115200) as port:
+        outcome = cli("run", "--lidar", port.name, "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (4, 1)
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [(b"", "empty"), (b"#ROSBAG V2.0\n", "ROS 1"), (b"hello, world", "not a recording")],
+)
+@pytest.mark.parametrize("command", [("replay",), ("bag", "info"), ("bag", "check")])
+def test_what_is_no_recording_is_refused_in_one_line(command, content, says, cli, tmp_path):
+    file = tmp_path / "x.mcap"
+    file.write_bytes(content)
+    outcome = cli(*command, file)
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert says in outcome.error_lines[0]
+
+
+def test_empty_folder_is_refused_in_one_line(cli, tmp_path):
+    outcome = cli("replay", tmp_path)
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("grid: {resolutoin_m: 0.05}", "unknown key 'grid.resolutoin_m'"),
+        ("mapping: {}", "unknown key 'mapping'"),
+        ("grid: {resolution_m: -1}", "grid.resolution_m"),
+        ("grid: [", "not YAML"),
+        ("- 1", "expected sections"),
+    ],
+)
+def test_unusable_configuration_is_one_line_and_exit_code_2(text, says, cli, tmp_path):
+    config = tmp_path / "config.yaml"
+    config.write_text(text)
+    for command in (["config", "show"], ["run", "--lidar", "/dev/null"], ["record", "--lidar", "x", "-o", "y"]):
+        outcome = cli(*command, "--config", config)
+        assert (outcome.code, len(outcome.error_lines)) == (2, 1)
+        assert says in outcome.error_lines[0]
+
+
+def test_yaml_without_an_image_is_one_line_and_exit_code_1(cli, tmp_path):
+    world = tmp_path / "world.yaml"
+    world.write_text("resolution: 0.05\norigin: [0, 0, 0]\n")
+    outcome = cli("emulate", "lidar", "--world", world, "--pose", "0", "0", "0")
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert "image" in outcome.error_lines[0]
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["run"],
+        ["nonsense"],
+        ["emulate", "lidar", "--model", "A3M1"],
+        ["emulate", "lidar", "--world", "x.yaml"],
+        ["emulate", "lidar", "--pose", "0", "0", "0", "--trajectory", "t.tum"],
+        ["run", "--lidar", "x", "--resolution", "0.05", "--cells-per-meter", "20"],
+        ["run", "--lidar", "x", "--cells-per-meter", "0"],
+        ["replay", "x", "--odometry", "guess"],
+    ],
+)
+def test_wrong_use_is_exit_code_2(arguments, cli):
+    assert cli(*arguments).code == 2
+
+
+def test_every_command_has_help(cli):
+    for command in (
+        [],
+        ["run"],
+        ["replay"],
+        ["record"],
+        ["demo"],
+        ["emulate", "lidar"],
+        ["bag", "info"],
+        ["bag", "check"],
+        ["bag", "recover"],
+        ["config", "show"],
+        ["config", "schema"],
+    ):
+        outcome = cli(*command, "--help")
+        assert outcome.code == 0
+        assert "Usage:" in outcome.out
+
+
+def test_config_schema_describes_every_section(cli):
+    schema = json.loads(cli("config", "schema").out)
+    assert set(schema["properties"]) == {"lidar", "replay", "odometry", "grid"}
+
+
+def test_version_is_printed(cli):
+    assert cli("--version").out.startswith("mapfuse-robot 0.")

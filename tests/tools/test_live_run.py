@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+import pytest
+
+from drivers.errors import DeviceLostError
+from drivers.messages import LaserScan, Transform
+from mapping.slam import MappedScan
+from tools.config import Config
+from tools.live_run import SensorThread, record_live, run_live
+from tools.pipeline import MappingFlow
+
+TURN_S = 0.1
+
+
+def scan(number):
+    angles = -np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    ranges = np.minimum(2.0 / np.maximum(np.abs(np.cos(angles)), 1e-9), 1.5 / np.maximum(np.abs(np.sin(angles)), 1e-9))
+    return LaserScan(round(number * TURN_S * 1e9), angles, ranges, np.linspace(0, TURN_S, 200), 0.1, 12.0)
+
+
+class ScriptedLidar:
+    """Yields its messages, then fails or waits to be stopped."""
+
+    def __init__(self, messages, failure=None):
+        self._messages = messages
+        self._failure = failure
+        self._stopped = threading.Event()
+
+    def __iter__(self):
+        yield from self._messages
+        if self._failure is not None:
+            raise self._failure
+        self._stopped.wait(10.0)
+
+    def request_stop(self):
+        self._stopped.set()
+
+
+def run(lidar, until=None):
+    flow = MappingFlow(Config(), Config().mount())
+    put: list[object] = []
+    mapped: list[MappedScan] = []
+    stop = threading.Event()
+
+    def on_mapped(one):
+        mapped.append(one)
+        if len(mapped) == until:
+            stop.set()
+
+    outcome = run_live(lidar, flow, stop, put=put.append, on_mapped=on_mapped)
+    return outcome, put, mapped
+
+
+def test_run_ends_when_asked_to_and_maps_what_was_on_the_way():
+    outcome, put, mapped = run(ScriptedLidar([scan(n) for n in range(8)]), until=1)
+    assert outcome.fault is None
+    assert len(mapped) == 8
+    assert sum(isinstance(message, LaserScan) for message in put) >= 8
+
+
+def test_each_mapped_pose_is_put_out_as_a_transform():
+    _, put, mapped = run(ScriptedLidar([scan(n) for n in range(4)]), until=4)
+    transforms = [message for message in put if isinstance(message, Transform)]
+    assert [transform.stamp_ns for transform in transforms] == [one.stamp_ns for one in mapped]
+    assert {(transform.parent, transform.child) for transform in transforms} == {("odom", "base_link")}
+
+
+def test_lost_device_ends_the_run_with_all_scans_mapped():
+    outcome, _, mapped = run(ScriptedLidar([scan(n) for n in range(5)], DeviceLostError("port: gone")))
+    assert str(outcome.fault) == "port: gone"
+    assert len(mapped) == 5
+
+
+def test_unknown_error_of_the_sensor_thread_is_raised():
+    with pytest.raises(ZeroDivisionError):
+        run(ScriptedLidar([scan(0)], ZeroDivisionError()))
+
+
+def test_full_queue_drops_the_oldest_scan_and_counts_it():
+    sensor = SensorThread(
+        ScriptedLidar([scan(n) for n in range(10)], DeviceLostError("x")), lambda _: None, queue_scans=4
+    )
+    sensor.start()
+    sensor.stop()
+    left = []
+    while (message := sensor.take(0.0)) is not None:
+        left.append(message.stamp_ns)
+    assert sensor.dropped_scans == 6
+    assert left == [scan(n).stamp_ns for n in range(6, 10)]
+
+
+def test_recording_alone_passes_on_every_message():
+    put: list[object] = []
+    outcome = record_live(
+        ScriptedLidar([scan(n) for n in range(3)], DeviceLostError("x")), threading.Event(), put=put.append
+    )
+    assert len([message for message in put if isinstance(message, LaserScan)]) >= 3
+    assert outcome.fault is not None

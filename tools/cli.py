@@ -1,0 +1,78 @@
+"""The command line `mapfuse-robot`: its commands, and the one place where errors become exit codes."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from importlib.metadata import version
+from typing import Annotated, NoReturn
+
+import typer
+
+from drivers.errors import DriverError, RecordingError
+from mapping.errors import MappingError
+from tools.commands import bag, config, demo, emulate, record, replay, run
+from tools.errors import ToolError, UsageError
+from tools.exit_codes import ExitCode
+
+app = typer.Typer(
+    name="mapfuse-robot",
+    help="Maps a building with a small car's lidar, live or from a recording.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("run")(run.run)
+app.command("replay")(replay.replay)
+app.command("record")(record.record)
+app.command("demo")(demo.demo)
+app.add_typer(emulate.app, name="emulate")
+app.add_typer(bag.app, name="bag")
+app.add_typer(config.app, name="config")
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"mapfuse-robot {version('mapfuse-robot')}")
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Only warnings and errors on stderr.")] = False,
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Options of all commands."""
+    logging.basicConfig(
+        level=logging.WARNING if quiet else logging.INFO, format="%(message)s", stream=sys.stderr, force=True
+    )
+
+
+def main() -> None:
+    """Run the command line and exit: a known error becomes one line on stderr, an unknown one a traceback."""
+    try:
+        app()
+    except DriverError as error:
+        _fail(error, ExitCode.DEVICE)
+    except UsageError as error:
+        _fail(error, ExitCode.USAGE)
+    except (RecordingError, MappingError, ToolError) as error:
+        _fail(error, ExitCode.FAILED)
+    except SystemExit as end:
+        if end.code == ExitCode.CUT_OFF:
+            _fail("interrupted", ExitCode.CUT_OFF)
+        raise
+
+
+def _fail(error: object, code: ExitCode) -> NoReturn:
+    """Print the error as one line and exit."""
+    typer.echo(f"mapfuse-robot: {error}", err=True)
+    sys.exit(code)
+
+
+if __name__ == "__main__":
+    main()

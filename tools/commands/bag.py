@@ -1,0 +1,97 @@
+"""`mapfuse-robot bag`: look into recordings, check and repair them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.commands.options import Json, print_json
+from tools.exit_codes import ExitCode
+
+app = typer.Typer(help="Look into recordings, check and repair them.", no_args_is_help=True, rich_markup_mode=None)
+
+RecordingPath = Annotated[
+    Path, typer.Argument(metavar="FILE", help="An MCAP file, a .db3 file, or the folder of a ROS 2 bag.")
+]
+
+
+@app.command()
+def info(recording: RecordingPath, as_json: Json = False) -> None:
+    """List topics, types and counts. Exit code 3: the recording is damaged, and this is what can be read."""
+    from drivers.recording_reader import open_recording
+
+    with open_recording(recording) as opened:
+        values: dict[str, object] = {
+            "file": str(recording),
+            "duration_s": round((opened.end_ns - opened.start_ns) * 1e-9, 3),
+            "start_ns": opened.start_ns,
+            "messages": sum(topic.count for topic in opened.topics),
+            "simulated": opened.metadata.get("mapfuse.origin", {}).get("simulated") == "true",
+            "truncated": opened.truncated,
+            "problems": opened.problems,
+            "topics": [
+                {"name": topic.name, "type": topic.type, "count": topic.count, "read_here": topic.decoded}
+                for topic in opened.topics
+            ],
+        }
+        topics = opened.topics
+    if as_json:
+        print_json(values)
+    else:
+        label = "  SIMULATED" if values["simulated"] else ""
+        typer.echo(f"{recording}  {values['duration_s']} s  {values['messages']} messages{label}")
+        width = max((len(topic.name) for topic in topics), default=0)
+        kind_width = max((len(topic.type) for topic in topics), default=0)
+        for topic in topics:
+            note = "" if topic.decoded else "  not read by replay"
+            typer.echo(f"  {topic.name:<{width}}  {topic.type:<{kind_width}}  {topic.count:>8}{note}")
+        _echo_lines("damaged", opened.problems)
+    raise typer.Exit(ExitCode.PARTIAL if values["truncated"] else ExitCode.OK)
+
+
+@app.command()
+def check(recording: RecordingPath, as_json: Json = False) -> None:
+    """Verify checksums, index, order of time and that messages decode. Exit code 3: there is damage."""
+    from drivers.recording_recovery import check as check_recording
+
+    report = check_recording(recording)
+    if as_json:
+        print_json({"ok": report.ok, "problems": list(report.problems), "notes": list(report.notes)})
+    else:
+        _echo_lines("damaged", report.problems)
+        _echo_lines("note", report.notes)
+        typer.echo(f"{recording}: {'ok' if report.ok else 'damaged: `bag recover` saves what can be read'}")
+    raise typer.Exit(ExitCode.OK if report.ok else ExitCode.PARTIAL)
+
+
+@app.command()
+def recover(
+    recording: Annotated[Path, typer.Argument(metavar="FILE", help="A damaged or unfinished MCAP file.")],
+    destination: Annotated[Path, typer.Argument(metavar="NEW", help="The file to write; never overwritten.")],
+    as_json: Json = False,
+) -> None:
+    """Copy all that can be read to a new, whole file. Exit code 3: some of it was lost."""
+    from drivers.recording_recovery import recover as recover_recording
+
+    report = recover_recording(recording, destination)
+    if as_json:
+        print_json(
+            {
+                "messages": report.messages,
+                "topics": dict(report.topics),
+                "lost_bytes": report.lost_bytes,
+                "problems": list(report.problems),
+            }
+        )
+    else:
+        _echo_lines("damaged", report.problems)
+        typer.echo(f"{destination}: {report.messages} messages saved, {report.lost_bytes} bytes lost")
+    raise typer.Exit(ExitCode.PARTIAL if report.lost_bytes or report.problems else ExitCode.OK)
+
+
+def _echo_lines(label: str, lines: tuple[str, ...] | list[str]) -> None:
+    """Print one labelled line for each text."""
+    for line in lines:
+        typer.echo(f"  {label}: {line}")

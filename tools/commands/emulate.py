@@ -1,0 +1,59 @@
+"""`mapfuse-robot emulate`: devices in software, on the addresses that real ones would have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.commands.options import Json
+from tools.errors import UsageError
+
+app = typer.Typer(help="Emulate a device.", no_args_is_help=True, rich_markup_mode=None)
+
+
+@app.callback()
+def devices() -> None:
+    """Emulate a device."""
+
+
+@app.command()
+def lidar(
+    model: Annotated[str, typer.Option(help="A2M8 (115200 baud) or A2M12 (256000 baud).")] = "A2M8",
+    world: Annotated[str, typer.Option(metavar="MAP", help="A map's YAML file, or 'office'.")] = "office",
+    pose: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="X Y YAW", help="Stand here: pose of the car in the world, in m and rad."),
+    ] = None,
+    trajectory: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Drive along these poses (TUM), from the first scan request on."),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the true drive (TUM, wall-clock stamps) at the end.")
+    ] = None,
+    link: Annotated[Path | None, typer.Option(metavar="PATH", help="Make this a symbolic link to the port.")] = None,
+    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Range noise and missing returns.")] = True,
+    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """An RPLIDAR A2 on a pseudo-terminal, in a car that drives through a world; serves until Ctrl-C.
+
+    Without --pose and --trajectory it drives a round trip through the office. The car sets out a second after the
+    first sample is asked for. One line for each event goes to stdout, the port's path first.
+    """
+    from drivers.rplidar_models import MODELS
+    from tools.emulation import Drive, serve_lidar, simulated_lidar
+    from tools.signals import stop_on_signals
+
+    if model not in MODELS:
+        raise UsageError(f"--model {model}: unknown, choose one of {', '.join(MODELS)}")
+    if pose is not None and trajectory is not None:
+        raise UsageError("--pose and --trajectory exclude each other: give one")
+    if world != "office" and pose is None and trajectory is None:
+        raise UsageError(f"--world {world}: say where the car is in it, with --pose or --trajectory")
+    drive = Drive.standing(pose) if pose is not None else Drive.from_file(trajectory) if trajectory else Drive.tour()
+    ranger = simulated_lidar(world, drive, noise=noise, seed=seed)
+    with stop_on_signals() as stop:
+        serve_lidar(MODELS[model], ranger, drive, stop, truth=truth, link=link, as_json=as_json)

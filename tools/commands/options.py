@@ -1,0 +1,38 @@
+"""Command-line options that several commands share."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from tools.config import Config
+
+LidarPort = Annotated[
+    str, typer.Option("--lidar", metavar="PORT", help="The RPLIDAR's port: a path or any pyserial URL.")
+]
+ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML configuration.")]
+OutputFolder = Annotated[
+    Path | None, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results. [default: runs/<time>]")
+]
+ResolutionM = Annotated[float | None, typer.Option("--resolution", metavar="M", help="Metres a map cell.")]
+CellsPerMeter = Annotated[float | None, typer.Option("--cells-per-meter", metavar="N", help="The same, inverted.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+
+
+def load_config(path: Path | None, resolution_m: float | None = None, cells_per_meter: float | None = None) -> Config:
+    """Return the effective configuration; raise ConfigError."""
+    from tools.config import load
+
+    return load(path).with_resolution(resolution_m, cells_per_meter)
+
+
+def print_json(values: Mapping[str, object]) -> None:
+    """Print one JSON object on stdout."""
+    json.dump(values, sys.stdout, indent=2)
+    sys.stdout.write("\n")

@@ -1,0 +1,48 @@
+"""`mapfuse-robot run`: the whole flow, live on the vehicle."""
+
+from __future__ import annotations
+
+import logging
+from typing import Annotated
+
+import typer
+
+from tools.commands.options import (
+    CellsPerMeter,
+    ConfigFile,
+    Json,
+    LidarPort,
+    OutputFolder,
+    ResolutionM,
+    load_config,
+    print_json,
+)
+
+log = logging.getLogger(__name__)
+
+
+def run(
+    lidar: LidarPort,
+    output: OutputFolder = None,
+    config_file: ConfigFile = None,
+    resolution: ResolutionM = None,
+    cells_per_meter: CellsPerMeter = None,
+    record: Annotated[bool, typer.Option("--record/--no-record", help="Record every byte of the sensor.")] = True,
+    as_json: Json = False,
+) -> None:
+    """Map live until Ctrl-C (or SIGTERM), which saves everything.
+
+    Writes map.yaml/.pgm/.npz/.png, trajectory.tum, report.json and recording.mcap. Exit code 4: the lidar is missing,
+    silent, busy or faulty, or was lost on the way (all that came is saved).
+    """
+    from tools.lidar_session import run_session
+    from tools.results import new_run_folder
+    from tools.signals import stop_on_signals
+
+    config = load_config(config_file, resolution, cells_per_meter)
+    with stop_on_signals() as stop:
+        report, fault = run_session(lidar, config, lambda: new_run_folder(output), stop, record=record)
+    if as_json:
+        print_json(report)
+    if fault is not None:
+        raise fault

@@ -1,0 +1,171 @@
+"""The configuration: frozen, validated, with defaults that work on a QCar; an unknown key is an error.
+
+Read from YAML; `mapfuse-robot config show` prints the effective one, `config schema` its JSON schema.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from mapping.odometry import OdometrySettings
+from mapping.sensor_models import LidarModel
+from mapping.slam import MappingSettings, Mount
+from tools.errors import UsageError
+
+_ODOMETRY = OdometrySettings()
+_LIDAR = LidarModel()
+_MAPPING = MappingSettings()
+
+
+class ConfigError(UsageError):
+    """The configuration is not usable."""
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class MountSection(_Section):
+    """Where the laser's rotation centre sits in base_link (rear axle centre, on the ground)."""
+
+    x_m: float = Field(0.12, description="forward of the rear axle; about the middle of a QCar: measure yours")
+    y_m: float = Field(0.0, description="left of the middle")
+    z_m: float = Field(0.19, description="above the ground")
+    yaw_rad: float = Field(0.0, description="direction of the sensor's zero (away from its cable) on the car")
+    inverted: bool = Field(False, description="the sensor hangs upside down")
+
+
+class LidarSection(_Section):
+    """The RPLIDAR and how it is run."""
+
+    baud: int | None = Field(None, gt=0, description="null: 115200 and 256000 are tried")
+    mode: str | None = Field(None, description="scan mode by name; null: the device's typical mode")
+    motor_pwm: int = Field(660, ge=1, le=1023, description="motor duty; 660 is about 10 turns a second")
+    mount: MountSection = MountSection()
+
+
+class ReplaySection(_Section):
+    """How recordings of other programs are read."""
+
+    scan_topic: str | None = Field(None, description="null: the LaserScan topic with the most messages")
+    base_frame: str | None = Field(None, description="null: odometry's child frame, else base_link or base_footprint")
+    sweep: Literal["auto", "stated", "reversed"] = Field(
+        "auto",
+        description="order in time of a LaserScan's samples; auto finds out, as rplidar_ros states it wrongly",
+    )
+
+
+class OdometrySection(_Section):
+    """Scan matching (kiss-icp)."""
+
+    source: Literal["kiss", "wheel"] = Field("kiss", description="scan matching, or wheel odometry alone as a baseline")
+    use_wheel_odometry: bool = Field(_MAPPING.use_wheel_odometry, description="as first guess, where there is any")
+    wheel_wait_s: float = Field(_MAPPING.wheel_wait_s, ge=0, description="how long a scan waits for wheel odometry")
+    map_radius_m: float = Field(_ODOMETRY.map_radius_m, gt=0, description="reach of the local map")
+    voxel_m: float = Field(_ODOMETRY.voxel_m, gt=0)
+    points_per_voxel: int = Field(_ODOMETRY.points_per_voxel, gt=0)
+    threshold_m: float = Field(_ODOMETRY.threshold_m, gt=0, description="scale of the robust kernel")
+    convergence: float = Field(_ODOMETRY.convergence, gt=0)
+    max_iterations: int = Field(_ODOMETRY.max_iterations, gt=0)
+    min_points: int = Field(_ODOMETRY.min_points, gt=0, description="fewer measurements are not matched")
+    max_correction_m: float = Field(_ODOMETRY.max_correction_m, gt=0)
+    max_correction_rad: float = Field(_ODOMETRY.max_correction_rad, gt=0)
+
+
+class GridSection(_Section):
+    """The occupancy grid and its inverse sensor model."""
+
+    resolution_m: float = Field(_MAPPING.resolution_m, ge=0.005, le=1.0, description="metres a cell")
+    hit_probability: float = Field(_LIDAR.hit_probability, gt=0.5, lt=1.0)
+    miss_probability: float = Field(_LIDAR.miss_probability, gt=0.0, lt=0.5)
+    max_range_m: float = Field(_LIDAR.max_range_m, gt=0, description="longer rays clear up to here and mark nothing")
+    noise_fraction: float = Field(_LIDAR.noise_fraction, ge=0, lt=1, description="range noise as a share of the range")
+
+
+class Config(_Section):
+    """All of it."""
+
+    lidar: LidarSection = LidarSection()
+    replay: ReplaySection = ReplaySection()
+    odometry: OdometrySection = OdometrySection()
+    grid: GridSection = GridSection()
+
+    def mapping_settings(self) -> MappingSettings:
+        """Return what mapping needs of this."""
+        odometry = self.odometry.model_dump(exclude={"source", "use_wheel_odometry", "wheel_wait_s"})
+        return MappingSettings(
+            resolution_m=self.grid.resolution_m,
+            odometry=OdometrySettings(**odometry),
+            lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m"})),
+            use_wheel_odometry=self.odometry.use_wheel_odometry,
+            wheels_only=self.odometry.source == "wheel",
+            wheel_wait_s=self.odometry.wheel_wait_s,
+        )
+
+    def mount(self) -> Mount:
+        """Return the laser's planar pose on the body."""
+        section = self.lidar.mount
+        return Mount(np.array([section.x_m, section.y_m, section.yaw_rad]), section.inverted)
+
+    def with_resolution(self, resolution_m: float | None, cells_per_meter: float | None) -> Config:
+        """Return a copy with the grid resolution given in either way; raise ConfigError if both or out of range."""
+        if resolution_m is None and cells_per_meter is None:
+            return self
+        if resolution_m is not None and cells_per_meter is not None:
+            raise ConfigError("--resolution and --cells-per-meter say the same thing twice: give one")
+        if cells_per_meter is not None:
+            resolution_m = 1.0 / cells_per_meter if cells_per_meter > 0 else math.nan
+        return parse({**self.model_dump(), "grid": {**self.grid.model_dump(), "resolution_m": resolution_m}}, "options")
+
+    def with_odometry(self, source: Literal["kiss", "wheel"] | None) -> Config:
+        """Return a copy that takes its poses from scan matching or from the wheels alone; None changes nothing."""
+        if source is None:
+            return self
+        return self.model_copy(update={"odometry": self.odometry.model_copy(update={"source": source})})
+
+
+def parse(values: object, origin: str) -> Config:
+    """Return the validated configuration; raise ConfigError, one line with origin, key and remedy."""
+    if not isinstance(values, dict):
+        raise ConfigError(f"{origin}: expected sections such as 'grid:' with keys below them")
+    try:
+        return Config.model_validate(values)
+    except ValidationError as error:
+        first = error.errors()[0]
+        path = [str(part) for part in first["loc"]]
+        if first["type"] == "extra_forbidden":
+            known = ", ".join(_known_keys(path[:-1]))
+            problem = f"unknown key '{'.'.join(path)}'; known here: {known}"
+        else:
+            problem = f"{'.'.join(path)}: {first['msg'].lower()}, got {first['input']!r}"
+        raise ConfigError(f"{origin}: {problem}") from error
+
+
+def load(path: Path | None) -> Config:
+    """Read a YAML file; None gives the defaults. Raises ConfigError."""
+    if path is None:
+        return Config()
+    try:
+        values = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
+    except (YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: not YAML: {str(error).splitlines()[0]}") from error
+    return parse({} if values is None else values, str(path))
+
+
+def _known_keys(path: list[str]) -> list[str]:
+    """Return the keys of the section at path."""
+    section: type[BaseModel] = Config
+    for part in path:
+        annotation = section.model_fields[part].annotation
+        if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+            section = annotation
+    return list(section.model_fields)

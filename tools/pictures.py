@@ -1,0 +1,56 @@
+"""Pictures of a map, drawn with OpenCV: always available, also on the car."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.grid import OccupancyGrid
+from mapping.trajectory import Trajectory
+
+Image = NDArray[np.uint8]
+
+_UNKNOWN_GRAY = 205
+_LONG_SIDE_PX = 1200
+_PATH_BGR = (60, 60, 220)
+_START_BGR = (60, 160, 40)
+_INK_BGR = (40, 40, 40)
+
+
+def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image:
+    """Return a BGR picture (H, W, 3): walls dark, free white, y up, the path red with a green dot at its start."""
+    shades = np.where(grid.known, 255.0 * (1.0 - grid.probability), _UNKNOWN_GRAY).astype(np.uint8)
+    scale = max(1, round(_LONG_SIDE_PX / max(shades.shape)))
+    upright = np.ascontiguousarray(np.flipud(shades))
+    enlarged = cv2.resize(upright, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    image = np.asarray(cv2.cvtColor(enlarged, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    if trajectory is not None and len(trajectory):
+        cells = grid.cell_coordinates(trajectory.poses[:, :2])
+        pixels = np.column_stack([cells[:, 0], grid.log_odds.shape[0] - cells[:, 1]]) * scale
+        shifted = np.round(pixels * 16).astype(np.int32)  # 4 fractional bits
+        cv2.polylines(image, [shifted], False, _PATH_BGR, 2, cv2.LINE_AA, 4)
+        start_x, start_y = pixels[0].round().astype(int).tolist()
+        cv2.circle(image, (start_x, start_y), 6, _START_BGR, cv2.FILLED, cv2.LINE_AA)
+    return _with_scale_bar(image, scale / grid.resolution_m)
+
+
+def write_picture(path: Path, image: Image) -> None:
+    """Write the picture as PNG; raise OSError if that fails."""
+    encoded, data = cv2.imencode(".png", image)
+    if not encoded:
+        raise OSError(f"{path}: the picture could not be encoded")
+    path.write_bytes(data.tobytes())
+
+
+def _with_scale_bar(image: Image, pixels_per_m: float) -> Image:
+    """Return the picture with a strip below it that holds a bar of a round length."""
+    lengths_m = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200]
+    length_m = max([m for m in lengths_m if m * pixels_per_m <= image.shape[1] / 3] or lengths_m[:1])
+    strip = np.full((40, image.shape[1], 3), 255, np.uint8)
+    end = 12 + round(length_m * pixels_per_m)
+    cv2.line(strip, (12, 20), (end, 20), _INK_BGR, 3)
+    cv2.putText(strip, f"{length_m:g} m", (end + 10, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.6, _INK_BGR, 1, cv2.LINE_AA)
+    return np.vstack([image, strip])

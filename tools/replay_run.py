@@ -1,0 +1,96 @@
+"""A replay: a recording through the flow of a live run."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from drivers.errors import RecordingError
+from drivers.recording_reader import Recording
+from tools.config import Config, parse
+from tools.pipeline import LidarDecoding, MappingFlow, look_ahead
+from tools.results import Report, decoding_summary, new_run_folder, save_results
+
+CONFIG_RECORD = "mapfuse.config"  # name of the metadata record that holds a run's configuration
+_PROGRESS_S = 5.0
+
+
+def recorded_config(recording: Recording) -> Config:
+    """Return the configuration that was recorded with the data, else the defaults; raise ConfigError."""
+    text = recording.metadata.get(CONFIG_RECORD, {}).get("json")
+    if text is None:
+        return Config()
+    try:
+        values = json.loads(text)
+    except ValueError as error:
+        raise RecordingError(f"{recording.path}: its configuration is damaged: give --config: {error}") from error
+    return parse(values, f"{recording.path} (recorded configuration)")
+
+
+def replay_recording(
+    recording: Recording, config: Config, output: Path | None, *, on_progress: Callable[[str], None]
+) -> Report:
+    """Map the recording, save the results and return the report.
+
+    Raises RecordingError where there is no lidar data in it; nothing is written then.
+    """
+    scan_topic = config.replay.scan_topic
+    if not recording.has_raw and recording.scan_topic is None and scan_topic is None:
+        held = ", ".join(sorted({topic.type for topic in recording.topics if topic.count}))
+        raise RecordingError(f"{recording.path}: no LaserScan and no raw lidar bytes to map; it holds {held}")
+    if config.odometry.source == "wheel" and recording.odometry_topic is None:
+        raise RecordingError(f"{recording.path}: no nav_msgs/msg/Odometry in it; leave out --odometry wheel")
+    setup = look_ahead(recording.messages(scan_topic), config)
+    on_progress(f"laser pose from {setup.mount_source}; order of samples: {setup.sweep.reason}")
+    decoding = LidarDecoding()
+    flow = MappingFlow(config, setup.mount, sweep_reversed=setup.sweep.is_reversed)
+    started = shown = time.monotonic()
+    for message in recording.messages(scan_topic):
+        for decoded in decoding.feed(message):
+            flow.feed(decoded)
+        if time.monotonic() - shown > _PROGRESS_S:
+            shown = time.monotonic()
+            on_progress(f"{flow.scans} scans, {flow.mapper.trajectory.length_m:.1f} m driven")
+    flow.finish()
+    if not flow.scans:
+        raise RecordingError(f"{recording.path}: its lidar data does not make up one scan; nothing to map")
+    for problem in recording.problems:
+        on_progress(f"damaged recording: {problem}")
+    folder = new_run_folder(output)
+    report = save_results(
+        folder,
+        flow,
+        str(recording.path),
+        {
+            "truncated": recording.truncated,
+            "problems": recording.problems,
+            "skipped_types": recording.skipped,
+            "scan_topic": "raw bytes"
+            if scan_topic is None and recording.has_raw
+            else scan_topic or recording.scan_topic,
+            "laser_pose": {
+                "source": setup.mount_source,
+                "x_m": float(setup.mount.pose[0]),
+                "y_m": float(setup.mount.pose[1]),
+                "yaw_rad": float(setup.mount.pose[2]),
+                "inverted": setup.mount.inverted,
+            },
+            "sweep": {"reversed": setup.sweep.is_reversed, "reason": setup.sweep.reason},
+            "decoder": decoding_summary(decoding.counters),
+        },
+    )
+    on_progress(_summary(report, folder, time.monotonic() - started))
+    return report
+
+
+def _summary(report: Report, folder: Path, seconds: float) -> str:
+    """Return the closing line."""
+    scans, trajectory, timing = report["scans"], report["trajectory"], report["timing"]
+    pace = f"{timing['per_scan_ms_median']:.1f} ms a scan, " if timing else ""
+    factor = trajectory["duration_s"] / max(seconds, 1e-9)
+    return (
+        f"{scans['mapped']} of {scans['received']} scans mapped in {seconds:.1f} s ({pace}{factor:.0f} x real time),"
+        f" {trajectory['length_m']:.2f} m driven: {folder}"
+    )

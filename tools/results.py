@@ -1,0 +1,108 @@
+"""What a run or a replay leaves in its folder: map, trajectory, picture and report."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.messages import GridSnapshot
+from drivers.rplidar_decoder import DecoderCounters
+from mapping.grid import OccupancyGrid
+from mapping.map_io import write_map
+from mapping.trajectory import write_tum
+from tools.pictures import draw_map, write_picture
+from tools.pipeline import MappingFlow
+
+FloatArray = NDArray[np.float64]
+Report = dict[str, Any]  # a JSON object
+
+
+def new_run_folder(chosen: Path | None) -> Path:
+    """Create and return the folder for results: the chosen one, or runs/<local time>."""
+    folder = chosen or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def save_results(folder: Path, flow: MappingFlow, source: str, details: Mapping[str, object]) -> Report:
+    """Write map.yaml/.pgm/.npz/.png, trajectory.tum and report.json; return the report."""
+    grid, trajectory = flow.mapper.grid(), flow.mapper.trajectory
+    write_map(folder / "map", grid, provenance={"source": source})
+    write_tum(folder / "trajectory.tum", trajectory)
+    write_picture(folder / "map.png", draw_map(grid, trajectory))
+    span_s = float(np.ptp(trajectory.stamps_ns)) * 1e-9 if len(trajectory) else 0.0
+    counters = asdict(flow.mapper.counters)
+    report: Report = {
+        "source": source,
+        "scans": {"received": flow.scans, **counters},
+        "trajectory": {
+            "poses": len(trajectory),
+            "duration_s": round(span_s, 3),
+            "length_m": round(trajectory.length_m, 3),
+            "end": _pose_summary(trajectory.poses[-1]) if len(trajectory) else None,
+        },
+        "map": _map_summary(grid),
+        "timing": _timing(flow.seconds, span_s),
+        **details,
+    }
+    write_report(folder, report)
+    return report
+
+
+def write_report(folder: Path, report: Report) -> None:
+    """Write report.json, whole or not at all."""
+    partial = folder / "report.json.part"
+    partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    partial.replace(folder / "report.json")
+
+
+def decoding_summary(streams: Sequence[DecoderCounters]) -> Report:
+    """Return the sums of what the lidar's streams gave."""
+    total: dict[str, int] = {}
+    for counters in streams:
+        for name, count in asdict(counters).items():
+            total[name] = total.get(name, 0) + count
+    return dict(total)
+
+
+def grid_snapshot(grid: OccupancyGrid, stamp_ns: int) -> GridSnapshot:
+    """Return the map as other tools read it: -1 unknown, else 0 to 100."""
+    cells = np.where(grid.known, np.round(grid.probability * 100.0), -1).astype(np.int8)
+    return GridSnapshot(stamp_ns, grid.resolution_m, grid.origin, cells)
+
+
+def _pose_summary(pose: FloatArray) -> Report:
+    x, y, yaw = pose.tolist()
+    return {"x_m": round(x, 4), "y_m": round(y, 4), "yaw_deg": round(math.degrees(yaw), 2)}
+
+
+def _map_summary(grid: OccupancyGrid) -> Report:
+    rows, cols = grid.log_odds.shape
+    return {
+        "resolution_m": grid.resolution_m,
+        "width_m": round(cols * grid.resolution_m, 3),
+        "height_m": round(rows * grid.resolution_m, 3),
+        "free_m2": round(float(grid.free.sum()) * grid.resolution_m**2, 2),
+        "occupied_cells": int(grid.occupied.sum()),
+    }
+
+
+def _timing(seconds: Sequence[float], span_s: float) -> Report:
+    """Return processing times; real_time_factor: seconds of data mapped in one second of processing."""
+    if not seconds:
+        return {}
+    milliseconds = np.asarray(seconds) * 1e3
+    return {
+        "per_scan_ms_median": round(float(np.median(milliseconds)), 3),
+        "per_scan_ms_p95": round(float(np.percentile(milliseconds, 95)), 3),
+        "per_scan_ms_max": round(float(milliseconds.max()), 3),
+        "real_time_factor": round(span_s / float(np.sum(seconds)), 1),
+    }
