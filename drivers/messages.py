@@ -129,7 +129,7 @@ class LidarStream:
 class GridSnapshot:
     """A map as other tools see it (nav_msgs/OccupancyGrid).
 
-    cells: (rows, cols) int8, -1 unknown, 0 free to 100 occupied. Row 0 is at the lowest y; origin is the pose (x, y, yaw)
+    cells: (rows, cols) int8, -1 unknown, 0 free to 100 occupied, row 0 at the lowest y. origin is the pose (x, y, yaw)
     of the lower-left corner of cell (0, 0) in frame_id.
     """
 

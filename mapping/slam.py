@@ -24,6 +24,11 @@ from mapping.wheel_odometry import WheelOdometry
 FloatArray = NDArray[np.float64]
 
 
+_SECTORS = 36  # of 10 deg
+_LEAST_SECTORS = 12  # a turn with gaps is mapped if samples fall into a third of the circle
+_LONGEST_EXTRAPOLATION_S = 0.5  # after a longer pause the last velocity says nothing any more
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:
     """Where the laser sits on the body: a pose (x, y, yaw) in base_link; inverted for one that hangs upside down."""
@@ -122,16 +127,21 @@ class Mapper:
         while self._waiting:
             scan = self._waiting[0]
             end_ns = scan.stamp_ns + round(float(scan.offsets_s.max(initial=0.0)) * 1e9)
-            latest = self._wheels.latest_ns
-            given_up = now_ns - end_ns > self._settings.wheel_wait_s * 1e9
-            if latest is not None and latest < end_ns and not given_up:
+            if self._is_awaited(end_ns, now_ns):
                 break
             mapped += self._map_scan(self._waiting.popleft())
         return mapped
 
+    def _is_awaited(self, end_ns: int, now_ns: int) -> bool:
+        """Whether wheel odometry up to end_ns may still come: it flows, and has not been waited for too long."""
+        latest_ns, wait_ns = self._wheels.latest_ns, self._settings.wheel_wait_s * 1e9
+        if latest_ns is None or latest_ns >= end_ns:
+            return False
+        return end_ns - latest_ns <= 2 * wait_ns and now_ns - end_ns <= wait_ns
+
     def _map_scan(self, scan: LaserScan) -> list[MappedScan]:
         """Predict, de-skew, match, learn, draw."""
-        if not scan.complete:
+        if not scan.complete and _seen_sectors(scan) < _LEAST_SECTORS:
             self.counters.skipped_partial += 1
             return []
         reference_s = reference_offset_s(scan.offsets_s)
@@ -169,7 +179,7 @@ class Mapper:
             sweep_s = (last_ns - first_ns) * 1e-9
             twist = se2.log(self._wheels.motion(first_ns, last_ns)) / sweep_s if sweep_s > 0 else np.zeros(3)
             return guess, twist, True
-        elapsed_s = (stamp_ns - previous_ns) * 1e-9
+        elapsed_s = min((stamp_ns - previous_ns) * 1e-9, _LONGEST_EXTRAPOLATION_S)
         return se2.compose(previous, se2.exp(self._twist * elapsed_s)), self._twist, False
 
     def _twist_to(self, pose: FloatArray, stamp_ns: int) -> FloatArray:
@@ -191,3 +201,9 @@ class Mapper:
         self._odometry.learn(points, match.pose)
         sensor = se2.transform_points(match.pose, self.mount.pose[:2])
         self._builder.add_scan(sensor, se2.transform_points(match.pose, points))
+
+
+def _seen_sectors(scan: LaserScan) -> int:
+    """Return the number of sectors of the circle in which a scan has samples, measurements or not."""
+    sectors = np.floor(scan.angles_rad / (2.0 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
+    return len(np.unique(sectors))

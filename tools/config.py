@@ -104,7 +104,7 @@ class Config(_Section):
             resolution_m=self.grid.resolution_m,
             odometry=OdometrySettings(**odometry),
             lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m"})),
-            use_wheel_odometry=self.odometry.use_wheel_odometry,
+            use_wheel_odometry=self.odometry.use_wheel_odometry or self.odometry.source == "wheel",
             wheels_only=self.odometry.source == "wheel",
             wheel_wait_s=self.odometry.wheel_wait_s,
         )

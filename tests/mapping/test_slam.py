@@ -184,9 +184,26 @@ def test_wheels_alone_give_the_path_of_the_wheels(winding) -> None:
 
 
 def test_partial_scans_are_counted_and_left_out(winding) -> None:
-    scans = [replace(scan, complete=index % 3 != 1) for index, scan in enumerate(winding.scans[:30])]
+    scans = [part_of(scan, 0.2) if index % 3 == 1 else scan for index, scan in enumerate(winding.scans[:30])]
     mapper, mapped = map_messages(scans)
     assert (mapper.counters.mapped, mapper.counters.skipped_partial, len(mapped)) == (20, 10, 20)
+
+
+def test_turns_with_a_gap_are_mapped(winding) -> None:
+    mapper, _ = map_messages([part_of(scan, 0.6) for scan in winding.scans[:30]])
+    assert (mapper.counters.mapped, mapper.counters.skipped_partial) == (30, 0)
+
+
+def part_of(scan: LaserScan, share: float) -> LaserScan:
+    """The first samples of a turn, the rest being lost."""
+    kept = slice(round(len(scan.ranges_m) * share))
+    return replace(
+        scan,
+        angles_rad=scan.angles_rad[kept],
+        ranges_m=scan.ranges_m[kept],
+        offsets_s=scan.offsets_s[kept],
+        complete=False,
+    )
 
 
 def test_scans_out_of_order_are_counted_and_left_out(winding) -> None:

@@ -60,7 +60,7 @@ def test_map_lies_on_the_walls_of_the_world_and_is_not_mirrored(replayed):
     from tools.world import office
 
     stem, folder, _ = replayed
-    grid, world = read_map(folder / "map.npz"), office()
+    grid, world = read_map(folder / "map.yaml"), office()
     error = absolute_trajectory_error(read_tum(folder / "trajectory.tum"), read_tum(stem.with_suffix(".truth.tum")))
     rows, cols = np.nonzero(grid.occupied)
     corner = world.origin[:2]

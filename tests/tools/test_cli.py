@@ -241,3 +241,32 @@ def test_config_schema_describes_every_section(cli):
 
 def test_version_is_printed(cli):
     assert cli("--version").out.startswith("mapfuse-robot 0.")
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_recording_cut_at_a_random_byte_is_mapped_as_far_as_it_goes(seed, cli, tmp_path, project_root):
+    whole = (project_root / "recordings/simulated_office_a2m12.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: np.random.default_rng(seed).integers(len(whole) // 5, len(whole) - 1)])
+    outcome = cli("replay", cut, "-o", tmp_path / "out")
+    assert outcome.code == 3, outcome.err
+    assert "damaged recording" in outcome.err
+    assert mapped_scans(tmp_path / "out") > 20
+    golden = read_tum(project_root / "recordings/simulated_office_a2m12.golden.tum")
+    mapped = read_tum(tmp_path / "out/trajectory.tum")
+    assert np.array_equal(mapped.stamps_ns, golden.stamps_ns[: len(mapped)])
+
+    assert cli("bag", "info", cut).code == 3
+    assert cli("bag", "check", cut).code == 3
+    assert cli("bag", "recover", cut, tmp_path / "whole.mcap").code == 3
+    assert cli("bag", "check", tmp_path / "whole.mcap").code == 0
+    again = cli("replay", tmp_path / "whole.mcap", "-o", tmp_path / "again")
+    assert again.code == 0
+    assert (tmp_path / "again/trajectory.tum").read_bytes() == (tmp_path / "out/trajectory.tum").read_bytes()
+
+
+def test_recovery_never_overwrites(cli, tmp_path, project_root):
+    (tmp_path / "kept.mcap").write_text("years of work")
+    outcome = cli("bag", "recover", project_root / "recordings/simulated_office_a2m12.mcap", tmp_path / "kept.mcap")
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert (tmp_path / "kept.mcap").read_text() == "years of work"
