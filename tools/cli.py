@@ -11,7 +11,7 @@ import typer
 
 from drivers.errors import DriverError, RecordingError
 from mapping.errors import MappingError
-from tools.commands import bag, config, demo, emulate, record, replay, run
+from tools.commands import bag, bench, config, demo, emulate, record, replay, run
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
 
@@ -28,6 +28,7 @@ app.command("run")(run.run)
 app.command("replay")(replay.replay)
 app.command("record")(record.record)
 app.command("demo")(demo.demo)
+app.command("bench")(bench.bench)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(config.app, name="config")

@@ -158,6 +158,12 @@ def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: Record
     return details
 
 
+def recording_is_whole(report: Report) -> bool:
+    """Whether nothing is missing from a session's recording; True where none was asked for."""
+    recording = report.get("recording")
+    return recording is None or not (recording["error"] or recording["dropped"])
+
+
 def _log_end(report: Report, folder: Path) -> None:
     scans, trajectory, decoder = (report[key] for key in ("scans", "trajectory", "decoder"))
     log.info(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -18,6 +19,7 @@ from drivers.rplidar_decoder import DecoderCounters
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from mapping.trajectory import write_tum
+from tools.errors import ToolError
 from tools.pictures import draw_map, write_picture
 from tools.pipeline import MappingFlow
 
@@ -26,18 +28,25 @@ Report = dict[str, Any]  # a JSON object
 
 
 def new_run_folder(chosen: Path | None) -> Path:
-    """Create and return the folder for results: the chosen one, or runs/<local time>."""
+    """Create and return the folder for results: the chosen one, or runs/<local time>; raises ToolError."""
     folder = chosen or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
-    folder.mkdir(parents=True, exist_ok=True)
+    with writing_to(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     return folder
 
 
+@contextmanager
+def writing_to(folder: Path) -> Iterator[None]:
+    """Turn a failure to write there into a ToolError of one line."""
+    try:
+        yield
+    except OSError as error:
+        raise ToolError(f"{folder}: cannot write results: {error.strerror or error}: name another with -o") from error
+
+
 def save_results(folder: Path, flow: MappingFlow, source: str, details: Mapping[str, object]) -> Report:
-    """Write map.yaml/.pgm/.npz/.png, trajectory.tum and report.json; return the report."""
+    """Write map.yaml/.pgm/.npz/.png, trajectory.tum and report.json; return the report. Raises ToolError."""
     grid, trajectory = flow.mapper.grid(), flow.mapper.trajectory
-    write_map(folder / "map", grid, provenance={"source": source})
-    write_tum(folder / "trajectory.tum", trajectory)
-    write_picture(folder / "map.png", draw_map(grid, trajectory))
     span_s = float(np.ptp(trajectory.stamps_ns)) * 1e-9 if len(trajectory) else 0.0
     counters = asdict(flow.mapper.counters)
     report: Report = {
@@ -53,15 +62,14 @@ def save_results(folder: Path, flow: MappingFlow, source: str, details: Mapping[
         "timing": _timing(flow.seconds, span_s),
         **details,
     }
-    write_report(folder, report)
+    with writing_to(folder):
+        write_map(folder / "map", grid, provenance={"source": source})
+        write_tum(folder / "trajectory.tum", trajectory)
+        write_picture(folder / "map.png", draw_map(grid, trajectory))
+        partial = folder / "report.json.part"
+        partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        partial.replace(folder / "report.json")
     return report
-
-
-def write_report(folder: Path, report: Report) -> None:
-    """Write report.json, whole or not at all."""
-    partial = folder / "report.json.part"
-    partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    partial.replace(folder / "report.json")
 
 
 def decoding_summary(streams: Sequence[DecoderCounters]) -> Report:

@@ -222,6 +222,7 @@ def test_every_command_has_help(cli):
         ["replay"],
         ["record"],
         ["demo"],
+        ["bench"],
         ["emulate", "lidar"],
         ["bag", "info"],
         ["bag", "check"],
@@ -270,3 +271,35 @@ def test_recovery_never_overwrites(cli, tmp_path, project_root):
     outcome = cli("bag", "recover", project_root / "recordings/simulated_office_a2m12.mcap", tmp_path / "kept.mcap")
     assert (outcome.code, len(outcome.error_lines)) == (1, 1)
     assert (tmp_path / "kept.mcap").read_text() == "years of work"
+
+
+def test_bench_measures_beside_the_lidars_own_pace(cli, project_root):
+    recording = project_root / "recordings/simulated_office_a2m12.mcap"
+    report = json.loads(cli("bench", recording, "--json").out)
+    assert report["simulated"] is True
+    assert report["turn_ms"] == pytest.approx(100.0, rel=0.02)
+    assert [stage["stage"] for stage in report["stages"]] == ["decode", "map"]
+    assert all(0 < stage["median_ms"] <= stage["p95_ms"] <= stage["max_ms"] for stage in report["stages"])
+    assert "SIMULATED" in cli("bench", recording).out.upper()
+
+
+@pytest.mark.parametrize("command", ["run", "replay"])
+def test_folder_that_cannot_be_written_is_one_line_and_exit_code_1(command, spawn, cli, tmp_path, project_root):
+    file = tmp_path / "file"
+    file.write_text("years of work")
+    if command == "replay":
+        outcome = cli("replay", project_root / "recordings/simulated_office_a2m12.mcap", "-o", file)
+    else:
+        port = str(spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json").event("ready")["address"])
+        outcome = cli("run", "--lidar", port, "-o", file)
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert str(file) in outcome.error_lines[0]
+    assert file.read_text() == "years of work"
+
+
+def test_recording_is_never_overwritten_by_a_second_run(spawn, cli, tmp_path):
+    (tmp_path / "recording.mcap").write_text("years of work")
+    port = str(spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json").event("ready")["address"])
+    outcome = cli("run", "--lidar", port, "-o", tmp_path)
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert (tmp_path / "recording.mcap").read_text() == "years of work"

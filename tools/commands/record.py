@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from tools.commands.options import ConfigFile, Json, LidarPort, load_config, print_json
+from tools.exit_codes import ExitCode
 
 
 def record(
@@ -18,9 +19,10 @@ def record(
 ) -> None:
     """Record the lidar until Ctrl-C (or SIGTERM): raw bytes with their times, and scans that other tools read.
 
-    Exit code 4: the lidar is missing, silent, busy or faulty, or was lost on the way (all that came is saved).
+    Exit code 4: the lidar is missing, silent, busy or faulty, or was lost on the way (all that came is saved); 3: the
+    recording has gaps.
     """
-    from tools.lidar_session import record_session
+    from tools.lidar_session import record_session, recording_is_whole
     from tools.signals import stop_on_signals
 
     config = load_config(config_file)
@@ -30,3 +32,4 @@ def record(
         print_json(report)
     if fault is not None:
         raise fault
+    raise typer.Exit(ExitCode.OK if recording_is_whole(report) else ExitCode.PARTIAL)
