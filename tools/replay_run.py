@@ -67,9 +67,7 @@ def replay_recording(
             "truncated": recording.truncated,
             "problems": recording.problems,
             "skipped_types": recording.skipped,
-            "scan_topic": "raw bytes"
-            if scan_topic is None and recording.has_raw
-            else scan_topic or recording.scan_topic,
+            "scan_source": scan_topic or recording.scan_topic or "raw bytes",
             "laser_pose": {
                 "source": setup.mount_source,
                 "x_m": float(setup.mount.pose[0]),
