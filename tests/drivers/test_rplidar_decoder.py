@@ -122,8 +122,9 @@ def test_damage_costs_samples_but_invents_none(model, name: str, seed: int) -> N
     # A standard node whose own distance lost a byte and whose successor fits by chance cannot be told: allow one.
     assert sum(point not in true for point in found) <= (1 if name == "Standard" else 0)
     assert len(found) > 0.4 * len(sent)
-    lost = not keep.all()
-    assert (decoder.counters.rejected_packets > 0) == lost or keep[-500:].sum() < 500
+    # Damage before the first sound packet only shows as skipped bytes, in the last packets perhaps not at all yet.
+    noticed = decoder.counters.rejected_packets + decoder.counters.resync_bytes > 0
+    assert noticed == (not keep.all()) or keep[-500:].sum() < 500
 
 
 def test_a_flipped_byte_drops_its_capsule_and_its_neighbour() -> None:
