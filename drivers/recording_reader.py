@@ -9,16 +9,17 @@ from __future__ import annotations
 import heapq
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
+from typing import Protocol
 
 from typing_extensions import Self
 
+from drivers.carmen_log import CarmenLog, is_carmen_log
 from drivers.errors import RecordingError
 from drivers.messages import GridSnapshot, Message
 from drivers.recording_files import open_storages
-from drivers.recording_storage import Storage
+from drivers.recording_storage import Storage, TopicInfo
 from drivers.ros_codec import (
     GRID_TYPE,
     ODOMETRY_TYPE,
@@ -31,17 +32,7 @@ from drivers.ros_codec import (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TopicInfo:
-    """One topic of a recording; decoded: its messages are of a kind that `Recording.messages` can yield."""
-
-    name: str
-    type: str
-    count: int
-    decoded: bool
-
-
-class Recording:
+class Recording(Protocol):
     """An open recording: a MessageSource with a table of contents.
 
     topics: all of them. metadata: the writer's records {name: {key: value}}. start_ns, end_ns: first and last log time.
@@ -49,6 +40,50 @@ class Recording:
     yielded (the one with the most messages), None where raw lidar bytes replace it or there is none. odometry_topic:
     likewise, /odom first. Damage may show only while reading: see `truncated` and `problems` after the last message.
     """
+
+    path: Path
+    topics: list[TopicInfo]
+    metadata: dict[str, dict[str, str]]
+    start_ns: int
+    end_ns: int
+    skipped: dict[str, int]
+    has_raw: bool
+    scan_topic: str | None
+    odometry_topic: str | None
+
+    @property
+    def truncated(self) -> bool:
+        """True if part of the recording is known to be lost."""
+        ...
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the recording, as far as it was read, one line each."""
+        ...
+
+    def messages(self, scan_topic: str | None = None) -> Iterator[Message]:
+        """Yield the messages in the order of their log times.
+
+        scan_topic: take the LaserScans of this topic instead of the default, and instead of raw lidar bytes. Raises
+        RecordingError if there is no such topic.
+        """
+        ...
+
+    def close(self) -> None:
+        """Release the files; closing twice is allowed."""
+        ...
+
+    def __iter__(self) -> Iterator[Message]: ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+class BagRecording:
+    """A recording made of MCAP or SQLite files; see Recording."""
 
     def __init__(self, path: Path, storages: Sequence[Storage], problems: Sequence[str] = ()) -> None:
         self.path = path
@@ -129,12 +164,14 @@ class Recording:
 
 
 def open_recording(path: Path) -> Recording:
-    """Open a recording for reading.
+    """Open a recording for reading: a bag or a CARMEN log.
 
     Raises RecordingError, with what was found and what is accepted, for anything that is not one or holds no message.
     """
+    if is_carmen_log(path):
+        return CarmenLog(path)
     storages, problems = open_storages(path)
-    recording = Recording(path, storages, problems)
+    recording = BagRecording(path, storages, problems)
     if not any(topic.count for topic in recording.topics):
         recording.close()
         why = f" ({recording.problems[0]})" if recording.problems else ""

@@ -29,6 +29,16 @@ class StoredMessage:
     data: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class TopicInfo:
+    """One topic of a recording; decoded: its messages are of a kind that a recording can yield."""
+
+    name: str
+    type: str
+    count: int
+    decoded: bool
+
+
 class Storage(Protocol):
     """One open file of a recording.
 

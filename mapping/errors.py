@@ -11,3 +11,7 @@ class TrajectoryError(MappingError):
 
 class MapFileError(MappingError):
     """A map file (YAML, image or grid) cannot be used."""
+
+
+class RelationsError(MappingError):
+    """A relations file cannot be used, or does not belong to the trajectory."""

@@ -80,7 +80,7 @@ def read_tum(path: Path) -> Trajectory:
             if len(fields) != 8:
                 raise ValueError(f"{len(fields)} fields")
             x, y, _, qx, qy, qz, qw = (float(field) for field in fields[1:])
-            stamps.append(_stamp_ns(fields[0]))
+            stamps.append(parse_stamp_ns(fields[0]))
         except ValueError as error:
             raise TrajectoryError(f"{path}:{number}: expected 't x y z qx qy qz qw': {error}") from error
         poses.append((x, y, float(np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz)))))
@@ -92,7 +92,7 @@ def read_tum(path: Path) -> Trajectory:
         raise TrajectoryError(f"{path}: {error}") from error
 
 
-def _stamp_ns(text: str) -> int:
+def parse_stamp_ns(text: str) -> int:
     """Parse decimal seconds to int nanoseconds without a detour over floating point where there is no exponent."""
     if "e" in text.lower():
         return round(float(text) * 1e9)

@@ -11,7 +11,7 @@ import typer
 
 from drivers.errors import DriverError, RecordingError
 from mapping.errors import MappingError
-from tools.commands import bag, bench, config, demo, emulate, record, replay, run
+from tools.commands import bag, bench, config, demo, emulate, evaluate, record, replay, run
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
 
@@ -31,6 +31,7 @@ app.command("demo")(demo.demo)
 app.command("bench")(bench.bench)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
+app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(config.app, name="config")
 
 
