@@ -31,7 +31,7 @@ def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image
         cells = grid.cell_coordinates(trajectory.poses[:, :2])
         pixels = np.column_stack([cells[:, 0], grid.log_odds.shape[0] - cells[:, 1]]) * scale
         shifted = np.round(pixels * 16).astype(np.int32)  # 4 fractional bits
-        cv2.polylines(image, [shifted], False, _PATH_BGR, 2, cv2.LINE_AA, 4)
+        cv2.polylines(image, [shifted], False, _PATH_BGR, min(scale, 2), cv2.LINE_AA, 4)
         start_x, start_y = pixels[0].round().astype(int).tolist()
         cv2.circle(image, (start_x, start_y), 6, _START_BGR, cv2.FILLED, cv2.LINE_AA)
     return _with_scale_bar(image, scale / grid.resolution_m)
