@@ -17,7 +17,7 @@ from drivers.messages import FloatArray, LaserScan
 
 BIN_COUNTS = (180, 240, 360, 400, 500, 600, 720, 800, 1000, 1200, 1440, 1600, 2000, 2400, 3200, 3600)
 _START_GRID_RAD = math.radians(10)
-_LONGEST_SWEEP_S = 10.0
+_LONGEST_SWEEP_S = 1.0  # no planar laser turns more slowly
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +84,7 @@ def unbin_scan(
     """Return the samples of a ROS scan in the order of time, every ray kept, stamp at the first one taken.
 
     A negative step_s says that the stamp is that of the LAST ray taken (an array in reverse order): stamp and order are
-    turned round. Times that cannot be (NaN, a negative scan_time_s, a sweep over 10 s) become offsets of 0.
+    turned round. Times that cannot be (NaN, a negative scan_time_s, a sweep of more than a second) become offsets of 0.
     """
     rays = np.arange(binned.ranges_m.size, dtype=np.float64)
     angles = binned.start_rad + rays * binned.step_rad

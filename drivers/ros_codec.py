@@ -153,9 +153,9 @@ def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[Recordable, .
         case ros.std_msgs__msg__String():
             return (_stream_from_ros(body),)
         case ros.sensor_msgs__msg__LaserScan():
-            return (_scan_from_ros(body),)
+            return (_scan_from_ros(body, log_time_ns),)
         case ros.nav_msgs__msg__Odometry():
-            return (_odometry_from_ros(body),)
+            return (_odometry_from_ros(body, log_time_ns),)
         case ros.tf2_msgs__msg__TFMessage():
             return _transforms_from_ros(body, static=topic.endswith("tf_static"))
         case ros.nav_msgs__msg__OccupancyGrid():
@@ -188,11 +188,13 @@ def _scan_to_ros(scan: LaserScan, bins: int) -> ros.sensor_msgs__msg__LaserScan:
     )
 
 
-def _scan_from_ros(body: ros.sensor_msgs__msg__LaserScan) -> LaserScan:
+def _scan_from_ros(body: ros.sensor_msgs__msg__LaserScan, log_time_ns: int) -> LaserScan:
     if not (math.isfinite(body.angle_min) and math.isfinite(body.angle_increment)):
         raise ValueError(f"angle_min {body.angle_min} and angle_increment {body.angle_increment} must be finite")
+    if body.angle_increment == 0 and body.ranges.size > 1:
+        raise ValueError(f"angle_increment 0 for {body.ranges.size} ranges")
     binned = BinnedScan(
-        stamp_ns=_stamp_ns(body.header),
+        stamp_ns=_stamp_ns(body.header) or log_time_ns,
         start_rad=body.angle_min,
         step_rad=body.angle_increment,
         step_s=body.time_increment,
@@ -202,7 +204,7 @@ def _scan_from_ros(body: ros.sensor_msgs__msg__LaserScan) -> LaserScan:
     return unbin_scan(
         binned,
         range_min_m=body.range_min,
-        range_max_m=body.range_max,
+        range_max_m=body.range_max if body.range_max > 0 else math.inf,  # 0 and NaN: some drivers do not fill it in
         frame_id=body.header.frame_id,
         scan_time_s=body.scan_time,
     )
@@ -232,11 +234,13 @@ def _odometry_to_ros(odometry: Odometry) -> ros.nav_msgs__msg__Odometry:
     )
 
 
-def _odometry_from_ros(body: ros.nav_msgs__msg__Odometry) -> Odometry:
-    twist = body.twist.twist
+def _odometry_from_ros(body: ros.nav_msgs__msg__Odometry, log_time_ns: int) -> Odometry:
+    twist, pose = body.twist.twist, _xy_yaw(body.pose.pose)
+    if not np.isfinite(pose).all():
+        raise ValueError(f"pose {pose} is not finite")
     return Odometry(
-        stamp_ns=_stamp_ns(body.header),
-        pose=_xy_yaw(body.pose.pose),
+        stamp_ns=_stamp_ns(body.header) or log_time_ns,
+        pose=pose,
         twist=np.array([twist.linear.x, twist.linear.y, twist.angular.z]),
         frame_id=body.header.frame_id,
         child_frame_id=body.child_frame_id,
@@ -244,16 +248,21 @@ def _odometry_from_ros(body: ros.nav_msgs__msg__Odometry) -> Odometry:
 
 
 def _transforms_from_ros(body: ros.tf2_msgs__msg__TFMessage, *, static: bool) -> tuple[Transform, ...]:
-    return tuple(
-        Transform(
-            stamp_ns=_stamp_ns(stamped.header),
-            parent=stamped.header.frame_id,
-            child=stamped.child_frame_id,
-            translation=np.array([getattr(stamped.transform.translation, axis) for axis in "xyz"]),
-            quaternion=np.array([getattr(stamped.transform.rotation, axis) for axis in "xyzw"]),
-            static=static,
-        )
-        for stamped in body.transforms
+    return tuple(_transform_from_ros(stamped, static=static) for stamped in body.transforms)
+
+
+def _transform_from_ros(stamped: ros.geometry_msgs__msg__TransformStamped, *, static: bool) -> Transform:
+    translation = np.array([getattr(stamped.transform.translation, axis) for axis in "xyz"])
+    quaternion = np.array([getattr(stamped.transform.rotation, axis) for axis in "xyzw"])
+    if not (np.isfinite(translation).all() and np.isfinite(quaternion).all() and quaternion.any()):
+        raise ValueError(f"{stamped.header.frame_id} to {stamped.child_frame_id} is no transform")
+    return Transform(
+        stamp_ns=_stamp_ns(stamped.header),
+        parent=stamped.header.frame_id,
+        child=stamped.child_frame_id,
+        translation=translation,
+        quaternion=quaternion,
+        static=static,
     )
 
 

@@ -26,6 +26,7 @@ FloatArray = NDArray[np.float64]
 
 _SECTORS = 36  # of 10 deg
 _LEAST_SECTORS = 12  # a turn with gaps is mapped if samples fall into a third of the circle
+_SCANS_TO_STEP_BACK = 3
 _LONGEST_EXTRAPOLATION_S = 0.5  # after a longer pause the last velocity says nothing any more
 
 
@@ -94,6 +95,7 @@ class Mapper:
         self._stamps: list[int] = []
         self._poses: list[FloatArray] = []
         self._twist = np.zeros(3)
+        self._behind = 0
 
     def add_odometry(self, message: Odometry) -> list[MappedScan]:
         """Take in wheel odometry; return the scans that had waited for it."""
@@ -146,7 +148,7 @@ class Mapper:
             return []
         reference_s = reference_offset_s(scan.offsets_s)
         stamp_ns = scan.stamp_ns + round(reference_s * 1e9)
-        if self._stamps and stamp_ns <= self._stamps[-1]:
+        if self._is_out_of_order(stamp_ns):
             self.counters.skipped_out_of_order += 1
             return []
         valid = scan.valid
@@ -166,6 +168,20 @@ class Mapper:
             match = self._odometry.match(points, match.pose)
         self._finish_scan(stamp_ns, match, points, from_wheels=from_wheels)
         return [MappedScan(stamp_ns, match, from_wheels)]
+
+    def _is_out_of_order(self, stamp_ns: int) -> bool:
+        """Whether a scan is older than the last pose; after a few of them it was that pose's stamp that was wrong."""
+        if not self._stamps or stamp_ns > self._stamps[-1]:
+            self._behind = 0
+            return False
+        self._behind += 1
+        if self._behind < _SCANS_TO_STEP_BACK:
+            return True
+        while self._stamps and self._stamps[-1] >= stamp_ns:
+            self._stamps.pop()
+            self._poses.pop()
+        self._behind, self._twist = 0, np.zeros(3)
+        return False
 
     def _predict(self, scan: LaserScan, stamp_ns: int) -> tuple[FloatArray, FloatArray, bool]:
         """Return guessed pose, twist during the scan, and whether wheel odometry gave them."""

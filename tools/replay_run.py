@@ -9,6 +9,7 @@ from pathlib import Path
 
 from drivers.errors import RecordingError
 from drivers.recording_reader import Recording
+from mapping.slam import MappedScan
 from tools.config import Config, parse
 from tools.pipeline import LidarDecoding, MappingFlow, look_ahead
 from tools.results import Report, decoding_summary, new_run_folder, save_results
@@ -47,15 +48,17 @@ def replay_recording(
     decoding = LidarDecoding()
     flow = MappingFlow(config, setup.mount, sweep_reversed=setup.sweep.is_reversed)
     started = shown = time.monotonic()
+    last: MappedScan | None = None
     for message in recording.messages(scan_topic):
         for decoded in decoding.feed(message):
-            flow.feed(decoded)
+            for mapped in flow.feed(decoded):
+                last = mapped
         if time.monotonic() - shown > _PROGRESS_S:
             shown = time.monotonic()
             on_progress(f"{flow.scans} scans, {flow.mapper.trajectory.length_m:.1f} m driven")
-    flow.finish()
-    if not flow.scans:
-        raise RecordingError(f"{recording.path}: its lidar data does not make up one scan; nothing to map")
+    for mapped in flow.finish():
+        last = mapped
+    _refuse_unmapped(recording, flow, last)
     for problem in recording.problems:
         on_progress(f"damaged recording: {problem}")
     folder = new_run_folder(output)
@@ -83,12 +86,22 @@ def replay_recording(
     return report
 
 
+def _refuse_unmapped(recording: Recording, flow: MappingFlow, last: MappedScan | None) -> None:
+    """Raise RecordingError where nothing came of the scans, with the reason for the last of them."""
+    if not flow.scans:
+        raise RecordingError(f"{recording.path}: its lidar data does not make up one scan; nothing to map")
+    if not flow.mapper.counters.mapped:
+        why = last.match.reason if last is not None else "all partial or out of order"
+        raise RecordingError(f"{recording.path}: none of its {flow.scans} scans can be mapped: {why}")
+
+
 def _summary(report: Report, folder: Path, seconds: float) -> str:
     """Return the closing line."""
     scans, trajectory, timing = report["scans"], report["trajectory"], report["timing"]
     pace = f"{timing['per_scan_ms_median']:.1f} ms a scan, " if timing else ""
     factor = trajectory["duration_s"] / max(seconds, 1e-9)
-    return (
-        f"{scans['mapped']} of {scans['received']} scans mapped in {seconds:.1f} s ({pace}{factor:.0f} x real time),"
-        f" {trajectory['length_m']:.2f} m driven: {folder}"
-    )
+    lost = {"unmatched": "unmatched", "skipped_partial": "partial", "skipped_out_of_order": "out of order"}
+    others = "".join(f", {scans[key]} {name}" for key, name in lost.items() if scans[key])
+    mapped = f"{scans['mapped']} of {scans['received']} scans mapped{others}"
+    driven = f"{trajectory['length_m']:.2f} m driven"
+    return f"{mapped} in {seconds:.1f} s ({pace}{factor:.0f} x real time), {driven}: {folder}"

@@ -213,3 +213,60 @@ def test_static_transforms_streams_and_maps_are_latched():
     assert is_latched(STREAM)
     assert not is_latched(dataclasses.replace(static, static=False))
     assert not is_latched(RawChunk(0, b""))
+
+
+def edited(message, type_name, edit) -> bytes:
+    """A message of ours as CDR bytes, changed as another program might have written it."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    body: Any = store.deserialize_cdr(encode(message), type_name)
+    edit(body)
+    return bytes(store.serialize_cdr(body, type_name))
+
+
+def a_scan(stamp_ns=STAMP_NS):
+    angles = -np.linspace(0, 2 * math.pi, 360, endpoint=False)
+    return LaserScan(stamp_ns, angles, np.full(360, 3.0), np.linspace(0, 0.1, 360, endpoint=False), 0.15, 12.0)
+
+
+def test_stamp_that_was_never_filled_in_is_the_log_time():
+    (scan,) = decode(SCAN_TYPE, encode(a_scan(0)), "/scan", 77)
+    (odometry,) = decode(ODOMETRY_TYPE, encode(Odometry(0, np.zeros(3), np.zeros(3))), "/odom", 78)
+    assert isinstance(scan, LaserScan)
+    assert isinstance(odometry, Odometry)
+    assert odometry.stamp_ns == 78
+    assert abs(scan.stamp_ns - 77) < 10**9
+
+
+@pytest.mark.parametrize("nonsense", [0.0, math.nan, -1.0])
+def test_maximum_range_that_was_never_filled_in_is_no_limit(nonsense):
+    data = edited(a_scan(), SCAN_TYPE, lambda body: setattr(body, "range_max", nonsense))
+    (scan,) = decode(SCAN_TYPE, data, "/scan", 0)
+    assert isinstance(scan, LaserScan)
+    assert scan.valid.all()
+
+
+def test_rays_that_all_point_one_way_are_no_scan():
+    data = edited(a_scan(), SCAN_TYPE, lambda body: setattr(body, "angle_increment", 0.0))
+    with pytest.raises(RecordingError, match="angle_increment 0"):
+        decode(SCAN_TYPE, data, "/scan", 0)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_odometry_that_is_not_finite_is_refused(value):
+    data = edited(
+        Odometry(STAMP_NS, np.zeros(3), np.zeros(3)),
+        ODOMETRY_TYPE,
+        lambda body: setattr(body.pose.pose.position, "x", value),
+    )
+    with pytest.raises(RecordingError, match="not finite"):
+        decode(ODOMETRY_TYPE, data, "/odom", 0)
+
+
+@pytest.mark.parametrize(
+    ("translation", "quaternion"),
+    [([math.nan, 0, 0], [0, 0, 0, 1]), ([0, 0, 0], [0, 0, 0, 0]), ([0, 0, 0], [0, 0, math.inf, 1])],
+)
+def test_what_is_no_transform_is_refused(translation, quaternion):
+    bad = Transform(STAMP_NS, "a", "b", np.array(translation, dtype=float), np.array(quaternion, dtype=float))
+    with pytest.raises(RecordingError, match="no transform"):
+        decode(TRANSFORM_TYPE, encode_transforms([bad]), "/tf", 0)

@@ -260,3 +260,12 @@ def test_samples_become_points_of_the_body() -> None:
     np.testing.assert_allclose(points, [[0.1, 2.2], [-0.9, 0.2]], atol=1e-12)
     upside_down = Mount(np.array([0.1, 0.2, 0.0]), inverted=True).to_body(*ahead_and_left)
     np.testing.assert_allclose(upside_down, [[2.1, 0.2], [0.1, -0.8]], atol=1e-12)
+
+
+def test_one_stamp_from_the_future_costs_three_scans_not_all(winding) -> None:
+    scans = list(winding.scans[:20])
+    scans[8] = replace(scans[8], stamp_ns=scans[8].stamp_ns + 10**15)
+    mapper, _ = map_messages(scans)
+    assert mapper.counters.skipped_out_of_order == 2
+    assert len(mapper.trajectory) == 17  # without the two, and without the pose whose stamp was wrong
+    assert mapper.trajectory.stamps_ns[-1] < scans[8].stamp_ns

@@ -4,12 +4,15 @@ import json
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drivers.messages import LaserScan
 from drivers.pty_port import PtyPort
+from drivers.recording_writer import McapRecorder
 from mapping.map_io import read_map
 from mapping.metrics import absolute_trajectory_error
 from mapping.trajectory import read_tum
@@ -303,3 +306,14 @@ def test_recording_is_never_overwritten_by_a_second_run(spawn, cli, tmp_path):
     outcome = cli("run", "--lidar", port, "-o", tmp_path)
     assert (outcome.code, len(outcome.error_lines)) == (1, 1)
     assert (tmp_path / "recording.mcap").read_text() == "years of work"
+
+
+def test_scans_of_which_none_can_be_mapped_are_one_line_and_exit_code_1(cli, tmp_path):
+    blind = LaserScan(10**18, np.linspace(0, 6, 360), np.full(360, np.nan), np.zeros(360), 0.1, 12.0)
+    with McapRecorder(tmp_path / "blind.mcap", metadata={}) as recorder:
+        for number in range(5):
+            recorder.put(replace(blind, stamp_ns=10**18 + number * 10**8))
+    outcome = cli("replay", tmp_path / "blind.mcap", "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert "none of its 5 scans" in outcome.error_lines[0]
+    assert not (tmp_path / "out").exists()
