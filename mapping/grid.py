@@ -17,6 +17,7 @@ LogOdds = NDArray[np.float32]
 
 LOG_ODDS_CLAMP = 7.0
 OCCUPIED_THRESHOLD = 0.65
+_GROWTH_M = 6.0  # added beyond what is needed, so that growing stays rare
 FREE_THRESHOLD = 0.196
 
 
@@ -127,7 +128,7 @@ class GridBuilder:
         low, high = self._low, self._low + self._log_odds.shape[::-1]
         if self._scans and (lowest >= low).all() and (highest <= high).all():
             return
-        margin = math.ceil(self._model.max_range_m / self._resolution_m / 2.0)
+        margin = math.ceil(_GROWTH_M / self._resolution_m)
         new_low, new_high = lowest - margin, highest + margin
         if self._scans:
             new_low = np.where(lowest < low, new_low, low)

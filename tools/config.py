@@ -45,7 +45,7 @@ class MountSection(_Section):
 class LidarSection(_Section):
     """The RPLIDAR and how it is run."""
 
-    baud: int | None = Field(None, gt=0, description="null: 115200 and 256000 are tried")
+    baud: int | None = Field(None, gt=0, le=4_000_000, description="null: 115200 and 256000 are tried")
     mode: str | None = Field(None, description="scan mode by name; null: the device's typical mode")
     motor_pwm: int = Field(660, ge=1, le=1023, description="motor duty; 660 is about 10 turns a second")
     mount: MountSection = MountSection()
@@ -85,7 +85,9 @@ class GridSection(_Section):
     resolution_m: float = Field(_MAPPING.resolution_m, ge=0.005, le=1.0, description="metres a cell")
     hit_probability: float = Field(_LIDAR.hit_probability, gt=0.5, lt=1.0)
     miss_probability: float = Field(_LIDAR.miss_probability, gt=0.0, lt=0.5)
-    max_range_m: float = Field(_LIDAR.max_range_m, gt=0, description="longer rays clear up to here and mark nothing")
+    max_range_m: float = Field(
+        _LIDAR.max_range_m, gt=0, le=200, description="longer rays clear up to here and mark nothing"
+    )
     noise_fraction: float = Field(_LIDAR.noise_fraction, ge=0, lt=1, description="range noise as a share of the range")
 
 

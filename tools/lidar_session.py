@@ -20,7 +20,7 @@ from drivers.rplidar_models import is_emulated
 from mapping.frames import planar_transform
 from mapping.slam import MappedScan
 from tools.clock import RunClock
-from tools.config import Config
+from tools.config import Config, ConfigError
 from tools.live_run import LiveOutcome, record_live, run_live
 from tools.pipeline import LASER_FRAME, MappingFlow, resolve_mount, warm_up
 from tools.replay_run import CONFIG_RECORD
@@ -37,8 +37,12 @@ def run_session(
 ) -> tuple[Report, DriverError | None]:
     """Map live until `stop`; return the report and the fault that ended the run early, once all is saved.
 
-    Raises DriverError when the lidar cannot be started: nothing is written then.
+    Raises DriverError when the lidar cannot be started, ConfigError for settings of replays: nothing is written then.
     """
+    if config.odometry.source == "wheel":
+        raise ConfigError(
+            "odometry.source: wheel is for replays of recordings with odometry: a lidar alone has no wheels"
+        )
     clock = RunClock()
     warm_up()
     with _started_lidar(port, config, clock) as (lidar, stream):

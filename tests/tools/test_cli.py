@@ -317,3 +317,10 @@ def test_scans_of_which_none_can_be_mapped_are_one_line_and_exit_code_1(cli, tmp
     assert (outcome.code, len(outcome.error_lines)) == (1, 1)
     assert "none of its 5 scans" in outcome.error_lines[0]
     assert not (tmp_path / "out").exists()
+
+
+def test_wheels_alone_cannot_map_live(cli, tmp_path):
+    config = tmp_path / "c.yaml"
+    config.write_text("odometry: {source: wheel}\n")
+    outcome = cli("run", "--lidar", "nowhere", "--config", config)
+    assert (outcome.code, len(outcome.error_lines)) == (2, 1)

@@ -56,6 +56,8 @@ def test_what_is_shown_can_be_read_again(cli, tmp_path):
         ({"replay": {"sweep": "sideways"}}, "replay.sweep"),
         (["grid"], "expected sections"),
         ({"lidar": 3}, "lidar"),
+        ({"lidar": {"baud": 10**14}}, "lidar.baud"),
+        ({"grid": {"max_range_m": 20000}}, "grid.max_range_m"),
     ],
 )
 def test_error_names_origin_key_and_value_in_one_line(values, says):
