@@ -10,13 +10,13 @@ from __future__ import annotations
 import bz2
 import gzip
 import heapq
+import io
 import math
 import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO
 
 import numpy as np
 from typing_extensions import Self
@@ -167,14 +167,14 @@ def parse_stamp_ns(text: bytes) -> int:
     return int(whole) * 1_000_000_000 + int((fraction + b"000000000")[:9])
 
 
-def _open(path: Path) -> BinaryIO:
+def _open(path: Path) -> io.BufferedIOBase:
     """Open a log whatever it is compressed with, by its first bytes."""
     with path.open("rb") as stream:
         head = stream.read(3)
     if head == b"BZh":
-        return bz2.open(path, "rb")  # type: ignore[return-value]  # typeshed: BZ2File is a BinaryIO in all but name
+        return bz2.open(path, "rb")
     if head[:2] == b"\x1f\x8b":
-        return gzip.open(path, "rb")  # type: ignore[return-value]  # likewise
+        return gzip.open(path, "rb")
     return path.open("rb")
 
 
