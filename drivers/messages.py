@@ -1,7 +1,7 @@
 """The stamped messages that flow from the sensors into mapping.
 
 All are immutable; arrays are checked once and made read-only. Stamps are integer nanoseconds of wall-clock time
-(monotonic clock at the read plus one offset fixed at start, see DESIGN in docs/). Units are SI, angles radians
+(monotonic clock at the read plus one offset fixed at start, see docs/how-it-works.md). Units are SI, angles radians
 counter-clockwise (REP-103).
 """
 

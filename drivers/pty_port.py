@@ -87,8 +87,8 @@ class PtyPort:
             raise failure
 
     def _place_link(self, link: Path) -> None:
-        if link.is_symlink():
-            link.unlink()
+        if link.is_symlink() and (not link.exists() or str(link.readlink()).startswith("/dev/pts/")):
+            link.unlink()  # left by an emulator that was killed
         try:
             link.symlink_to(self.name)
         except OSError as error:

@@ -27,7 +27,8 @@ FloatArray = NDArray[np.float64]
 _SECTORS = 36  # of 10 deg
 _LEAST_SECTORS = 12  # a turn with gaps is mapped if samples fall into a third of the circle
 _SCANS_TO_STEP_BACK = 3
-_LONGEST_EXTRAPOLATION_S = 0.5  # after a longer pause the last velocity says nothing any more
+_MOST_WRONG_STAMPS = 2
+_LONGEST_EXTRAPOLATION_S = 0.5  # so long after the last match its velocity says nothing any more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,6 +97,7 @@ class Mapper:
         self._poses: list[FloatArray] = []
         self._twist = np.zeros(3)
         self._behind = 0
+        self._matched_ns = 0  # stamp of the last pose that a match gave
 
     def add_odometry(self, message: Odometry) -> list[MappedScan]:
         """Take in wheel odometry; return the scans that had waited for it."""
@@ -177,9 +179,12 @@ class Mapper:
         self._behind += 1
         if self._behind < _SCANS_TO_STEP_BACK:
             return True
-        while self._stamps and self._stamps[-1] >= stamp_ns:
-            self._stamps.pop()
-            self._poses.pop()
+        wrong = len(self._stamps) - int(np.searchsorted(self._stamps, stamp_ns))
+        if wrong > _MOST_WRONG_STAMPS:
+            return True  # the clock stepped back: wait until it has caught up
+        del self._stamps[-wrong:], self._poses[-wrong:]
+        self.counters.mapped -= wrong
+        self.counters.skipped_out_of_order += wrong
         self._behind, self._twist = 0, np.zeros(3)
         return False
 
@@ -195,7 +200,8 @@ class Mapper:
             sweep_s = (last_ns - first_ns) * 1e-9
             twist = se2.log(self._wheels.motion(first_ns, last_ns)) / sweep_s if sweep_s > 0 else np.zeros(3)
             return guess, twist, True
-        elapsed_s = min((stamp_ns - previous_ns) * 1e-9, _LONGEST_EXTRAPOLATION_S)
+        left_s = _LONGEST_EXTRAPOLATION_S - (previous_ns - self._matched_ns) * 1e-9
+        elapsed_s = min((stamp_ns - previous_ns) * 1e-9, max(left_s, 0.0))
         return se2.compose(previous, se2.exp(self._twist * elapsed_s)), self._twist, False
 
     def _twist_to(self, pose: FloatArray, stamp_ns: int) -> FloatArray:
@@ -214,6 +220,7 @@ class Mapper:
             self.counters.unmatched += 1
             return
         self.counters.mapped += 1
+        self._matched_ns = stamp_ns
         self._odometry.learn(points, match.pose)
         sensor = se2.transform_points(match.pose, self.mount.pose[:2])
         self._builder.add_scan(sensor, se2.transform_points(match.pose, points))

@@ -63,12 +63,14 @@ def bench_recording(recording: Recording, config: Config) -> BenchReport:
                 stamps.append(one.stamp_ns)
             flow.feed(one)
     flow.finish()
-    if not flow.seconds:
-        raise RecordingError(f"{recording.path}: no scan in it could be mapped: nothing to measure")
+    if not flow.seconds or len(stamps) < 2:
+        raise RecordingError(
+            f"{recording.path}: fewer than two scans in it, or none that can be mapped: nothing to measure"
+        )
     span_s = float(np.ptp(stamps)) * 1e-9
     return BenchReport(
         scans=len(stamps),
-        turn_ms=float(np.median(np.diff(stamps))) * 1e-6 if len(stamps) > 1 else float("nan"),
+        turn_ms=float(np.median(np.diff(stamps))) * 1e-6,
         stages=(StageTiming.of("decode", decode_s), StageTiming.of("map", flow.seconds)),
         real_time_factor=span_s / (sum(decode_s) + sum(flow.seconds)),
         peak_memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,

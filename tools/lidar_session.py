@@ -47,7 +47,7 @@ def run_session(
     warm_up()
     with _started_lidar(port, config, clock) as (lidar, stream):
         folder = new_folder()
-        laser_pose = _laser_pose(config, clock())
+        laser_pose = _laser_pose(config, stream.stamp_ns)
         mount, _ = resolve_mount([laser_pose], config, None, LASER_FRAME)
         flow = MappingFlow(config, mount)
         recorder = _start_recording(folder / RECORDING_NAME, config, clock, stream, laser_pose) if record else None
@@ -67,7 +67,7 @@ def record_session(port: str, config: Config, path: Path, stop: threading.Event)
     """Record until `stop`; return the report and the fault that ended the recording early."""
     clock = RunClock()
     with _started_lidar(port, config, clock) as (lidar, stream):
-        recorder = _start_recording(path, config, clock, stream, _laser_pose(config, clock()))
+        recorder = _start_recording(path, config, clock, stream, _laser_pose(config, stream.stamp_ns))
         try:
             outcome = record_live(lidar, stop, put=recorder.put)
         finally:
@@ -98,7 +98,10 @@ def _started_lidar(port: str, config: Config, clock: RunClock) -> Iterator[tuple
 
 
 def _laser_pose(config: Config, stamp_ns: int) -> Transform:
-    """Return the configured pose of the laser as the static transform that live run and replay both start from."""
+    """Return the configured pose of the laser as the static transform that live run and replay both start from.
+
+    Its stamp must not be later than the stream's first bytes, which replay reads in the order of time.
+    """
     mount = config.lidar.mount
     pose = np.array([mount.x_m, mount.y_m, mount.z_m, mount.yaw_rad])
     return planar_transform(stamp_ns, "base_link", LASER_FRAME, pose, inverted=mount.inverted)
@@ -111,7 +114,7 @@ def _start_recording(
     recorder = McapRecorder(
         path,
         metadata={
-            CONFIG_RECORD: {"json": json.dumps(config.model_dump())},
+            CONFIG_RECORD: {"json": json.dumps(config.model_dump(exclude={"replay"}))},
             "mapfuse.clock": {"wall_minus_monotonic_ns": str(clock.offset_ns)},
             "mapfuse.origin": {"simulated": str(is_emulated(stream.serial)).lower(), "lidar_serial": stream.serial},
         },
@@ -162,10 +165,10 @@ def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: Record
     return details
 
 
-def recording_is_whole(report: Report) -> bool:
-    """Whether nothing is missing from a session's recording; True where none was asked for."""
-    recording = report.get("recording")
-    return recording is None or not (recording["error"] or recording["dropped"])
+def session_is_whole(report: Report) -> bool:
+    """Whether no scan was dropped and nothing is missing from the recording, if one was asked for."""
+    recording = report.get("recording") or {"error": None, "dropped": {}}
+    return not (report["dropped_scans"] or recording["error"] or recording["dropped"])
 
 
 def _log_end(report: Report, folder: Path) -> None:

@@ -119,7 +119,7 @@ def resolve_mount(
     transforms: list[Transform], config: Config, base_frame: str | None, laser_frame: str
 ) -> tuple[Mount, str]:
     """Return the laser's mount and where it was found."""
-    for base in (base_frame,) if base_frame else BASE_FRAMES:
+    for base in dict.fromkeys((base_frame, *BASE_FRAMES)) if base_frame else BASE_FRAMES:
         mount = find_mount(transforms, base, laser_frame)
         if mount is not None:
             return mount, f"/tf_static {base} -> {laser_frame}"

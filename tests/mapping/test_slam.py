@@ -266,6 +266,24 @@ def test_one_stamp_from_the_future_costs_three_scans_not_all(winding) -> None:
     scans = list(winding.scans[:20])
     scans[8] = replace(scans[8], stamp_ns=scans[8].stamp_ns + 10**15)
     mapper, _ = map_messages(scans)
-    assert mapper.counters.skipped_out_of_order == 2
+    assert mapper.counters.skipped_out_of_order == 3
     assert len(mapper.trajectory) == 17  # without the two, and without the pose whose stamp was wrong
     assert mapper.trajectory.stamps_ns[-1] < scans[8].stamp_ns
+
+
+def test_a_clock_that_steps_back_costs_no_pose_that_was_there(winding) -> None:
+    before, after = winding.scans[:20], winding.scans[20:]
+    stepped = [replace(scan, stamp_ns=scan.stamp_ns - 10**9) for scan in after]
+    mapper, _ = map_messages([*before, *stepped])
+    assert mapper.counters.skipped_out_of_order == 10
+    assert len(mapper.trajectory) == len(winding.scans) - 10 == mapper.counters.mapped
+
+
+def test_a_blind_car_is_not_thought_to_drive_on(winding) -> None:
+    seen = winding.scans[:15]
+    blind = [replace(scan, ranges_m=np.zeros_like(scan.ranges_m)) for scan in winding.scans[15:45]]
+    mapper, _ = map_messages([*seen, *blind])
+    poses = mapper.trajectory.poses
+    assert mapper.counters.unmatched == 30
+    assert np.hypot(*(poses[-1] - poses[14])[:2]) < 0.4 * 0.5 + 0.05  # half a second of the last speed
+    assert np.array_equal(poses[-1], poses[-10])

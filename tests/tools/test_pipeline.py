@@ -77,3 +77,10 @@ def test_flow_times_what_it_maps_and_passes_over_other_messages():
     assert len(flow.feed(scan())) == 1
     assert (flow.scans, len(flow.seconds)) == (1, 1)
     assert flow.finish() == []
+
+
+def test_either_base_frame_serves_where_odometry_names_the_other():
+    transforms = [planar_transform(0, "base_link", "laser", pose(0.1, 0, 3.0))]
+    mount, source = resolve_mount(transforms, Config(), "base_footprint", "laser")
+    assert mount.pose[2] == pytest.approx(3.0)
+    assert "tf_static" in source

@@ -13,7 +13,7 @@ def demo(
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results; emptied of a former demo.")
     ] = Path("runs/demo"),
     model: Annotated[str, typer.Option(help="The emulated lidar: A2M8 or A2M12.")] = "A2M8",
-    seed: Annotated[int, typer.Option(help="Seed of the sensor noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
 ) -> None:
     """Map a building with an emulated RPLIDAR on a simulated car: `run`, Ctrl-C, `replay`, and the error against truth.
 

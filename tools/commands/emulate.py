@@ -35,7 +35,7 @@ def lidar(
     ] = None,
     link: Annotated[Path | None, typer.Option(metavar="PATH", help="Make this a symbolic link to the port.")] = None,
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Range noise and missing returns.")] = True,
-    seed: Annotated[int, typer.Option(help="Seed of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     as_json: Json = False,
 ) -> None:
     """An RPLIDAR A2 on a pseudo-terminal, in a car that drives through a world; serves until Ctrl-C.

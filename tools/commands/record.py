@@ -22,7 +22,7 @@ def record(
     Exit code 4: the lidar is missing, silent, busy or faulty, or was lost on the way (all that came is saved); 3: the
     recording has gaps.
     """
-    from tools.lidar_session import record_session, recording_is_whole
+    from tools.lidar_session import record_session, session_is_whole
     from tools.signals import stop_on_signals
 
     config = load_config(config_file)
@@ -32,4 +32,4 @@ def record(
         print_json(report)
     if fault is not None:
         raise fault
-    raise typer.Exit(ExitCode.OK if recording_is_whole(report) else ExitCode.PARTIAL)
+    raise typer.Exit(ExitCode.OK if session_is_whole(report) else ExitCode.PARTIAL)

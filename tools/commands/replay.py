@@ -32,7 +32,7 @@ class OdometrySource(str, Enum):
 
 def replay(
     recording: Annotated[
-        Path, typer.Argument(metavar="FILE", help="An MCAP file, a .db3 file, or the folder of a ROS 2 bag.")
+        Path, typer.Argument(metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, or a CARMEN log.")
     ],
     output: OutputFolder = None,
     config_file: ConfigFile = None,
@@ -59,4 +59,4 @@ def replay(
         report = replay_recording(opened, config, output, on_progress=log.info)
     if as_json:
         print_json(report)
-    raise typer.Exit(ExitCode.PARTIAL if report["truncated"] else ExitCode.OK)
+    raise typer.Exit(ExitCode.PARTIAL if report["truncated"] or report["problems"] else ExitCode.OK)

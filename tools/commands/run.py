@@ -34,9 +34,10 @@ def run(
     """Map live until Ctrl-C (or SIGTERM), which saves everything.
 
     Writes map.yaml/.pgm/.npz/.png, trajectory.tum, report.json and recording.mcap. Exit code 4: the lidar is missing,
-    silent, busy or faulty, or was lost on the way (all that came is saved); 3: the recording has gaps.
+    silent, busy or faulty, or was lost on the way (all that came is saved); 3: scans were dropped, or the recording has
+    gaps.
     """
-    from tools.lidar_session import recording_is_whole, run_session
+    from tools.lidar_session import run_session, session_is_whole
     from tools.results import new_run_folder
     from tools.signals import stop_on_signals
 
@@ -47,4 +48,4 @@ def run(
         print_json(report)
     if fault is not None:
         raise fault
-    raise typer.Exit(ExitCode.OK if recording_is_whole(report) else ExitCode.PARTIAL)
+    raise typer.Exit(ExitCode.OK if session_is_whole(report) else ExitCode.PARTIAL)
