@@ -1,1 +1,1 @@
-"""Several maps into one: registration, verification and fusion; a named room that the next release fills."""
+"""Two maps of unknown relative pose into one: Algorithm 3 of the thesis, one module a stage."""

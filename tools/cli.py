@@ -10,14 +10,15 @@ from typing import Annotated, NoReturn
 import typer
 
 from drivers.errors import DriverError, RecordingError
+from fusion.errors import FusionError
 from mapping.errors import MappingError
-from tools.commands import bag, bench, config, demo, emulate, evaluate, record, replay, run
+from tools.commands import align, bag, bench, config, demo, emulate, evaluate, fuse, record, replay, run
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
 
 app = typer.Typer(
     name="mapfuse-robot",
-    help="Maps a building with a small car's lidar, live or from a recording.",
+    help="Maps a building with the lidars of small cars, live or from recordings, and joins their maps.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -27,6 +28,8 @@ app = typer.Typer(
 app.command("run")(run.run)
 app.command("replay")(replay.replay)
 app.command("record")(record.record)
+app.command("align")(align.align)
+app.command("fuse")(fuse.fuse)
 app.command("demo")(demo.demo)
 app.command("bench")(bench.bench)
 app.add_typer(emulate.app, name="emulate")
@@ -62,7 +65,7 @@ def main() -> None:
         _fail(error, ExitCode.DEVICE)
     except UsageError as error:
         _fail(error, ExitCode.USAGE)
-    except (RecordingError, MappingError, ToolError) as error:
+    except (RecordingError, MappingError, FusionError, ToolError) as error:
         _fail(error, ExitCode.FAILED)
     except SystemExit as end:
         if end.code == ExitCode.CUT_OFF:

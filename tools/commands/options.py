@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Mapping
+from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,14 @@ OutputFolder = Annotated[
 ResolutionM = Annotated[float | None, typer.Option("--resolution", metavar="M", help="Metres a map cell.")]
 CellsPerMeter = Annotated[float | None, typer.Option("--cells-per-meter", metavar="N", help="The same, inverted.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the random samples; same seed, same result.")]
+
+
+class RegistrationPreset(str, Enum):
+    """Named settings of the registration, see fusion.registration.PRESETS."""
+
+    default = "default"
+    thesis = "thesis"
 
 
 def load_config(path: Path | None, resolution_m: float | None = None, cells_per_meter: float | None = None) -> Config:

@@ -1,0 +1,40 @@
+"""`mapfuse-robot fuse`: several maps into one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.commands.options import Json, OutputFolder, RegistrationPreset, Seed, print_json
+from tools.exit_codes import ExitCode
+
+
+def fuse(
+    maps: Annotated[list[Path], typer.Argument(metavar="A B", help="Two maps: .yaml or .npz, any resolutions.")],
+    output: OutputFolder = None,
+    preset: RegistrationPreset = RegistrationPreset.default,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Fuse two maps of unknown relative pose into one.
+
+    Writes global_0.yaml/.pgm/.npz/.png and report.json. The global frame is that of the map with the most known area.
+    Exit code 3: the maps do not belong together as far as can be told, so that each became a global map of its own
+    (global_1 too), or a map without known cells was skipped.
+    """
+    from tools.map_fusion import fuse_maps
+
+    folder, report = fuse_maps(maps, output, preset=preset.value, seed=seed)
+    if as_json:
+        print_json(report)
+    else:
+        for pair in report["pairs"]:
+            typer.echo(f"{'fused' if pair['accepted'] else 'not fused'}: {pair['reason']}")
+        for entry in report["maps"]:
+            where = "skipped" if entry["group"] is None else f"in global_{entry['group']}"
+            typer.echo(f"  {entry['file']}: {where}")
+        typer.echo(f"{folder}: report.json and the global maps")
+    groups = {entry["group"] for entry in report["maps"]}
+    raise typer.Exit(ExitCode.OK if groups == {0} else ExitCode.PARTIAL)
