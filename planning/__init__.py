@@ -1,1 +1,1 @@
-"""Paths that the car can drive on a map: planner and follower; a named room that the next release fills."""
+"""Paths that a car can drive on an occupancy grid: OMPL's planners on the car's own footprint and turning circle."""

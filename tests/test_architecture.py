@@ -17,11 +17,12 @@ ADAPTERS = {
     "kiss_icp": {"mapping.odometry"},
     "matplotlib": {"tools.plots"},
     "mcap": {"drivers.recording_mcap"},
+    "ompl": {"planning.planner"},
     "rosbags": {"drivers.ros_codec"},
     "serial": {"drivers.serial_link"},
 }
 # Each costs a good part of a second: the command that needs one imports it, so that --help answers at once.
-SLOW_TO_IMPORT = ("cv2", "kiss_icp", "matplotlib", "numba", "rosbags", "scipy")
+SLOW_TO_IMPORT = ("cv2", "kiss_icp", "matplotlib", "numba", "ompl", "rosbags", "scipy")
 CLOCKS_AND_CHANCE = {"datetime", "random", "secrets", "time", "uuid"}
 NAMES_WITHOUT_CONTENT = {"base", "common", "helper", "helpers", "manager", "misc", "shared", "types", "util", "utils"}
 

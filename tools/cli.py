@@ -12,13 +12,28 @@ import typer
 from drivers.errors import DriverError, RecordingError
 from fusion.errors import FusionError
 from mapping.errors import MappingError
-from tools.commands import align, bag, bench, config, demo, emulate, evaluate, fuse, record, replay, run
+from planning.errors import PlanningError
+from tools.commands import (
+    align,
+    bag,
+    bench,
+    config,
+    demo,
+    emulate,
+    evaluate,
+    evaluate_plans,
+    fuse,
+    plan,
+    record,
+    replay,
+    run,
+)
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
 
 app = typer.Typer(
     name="mapfuse-robot",
-    help="Maps a building with the lidars of small cars, live or from recordings, and joins their maps.",
+    help="Maps a building with the lidars of small cars, live or from recordings, joins their maps and plans on them.",
     no_args_is_help=True,
     add_completion=False,
     rich_markup_mode=None,
@@ -30,11 +45,13 @@ app.command("replay")(replay.replay)
 app.command("record")(record.record)
 app.command("align")(align.align)
 app.command("fuse")(fuse.fuse)
+app.command("plan")(plan.plan)
 app.command("demo")(demo.demo)
 app.command("bench")(bench.bench)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
+evaluate.app.command("plans")(evaluate_plans.plans)
 app.add_typer(config.app, name="config")
 
 
@@ -65,7 +82,7 @@ def main() -> None:
         _fail(error, ExitCode.DEVICE)
     except UsageError as error:
         _fail(error, ExitCode.USAGE)
-    except (RecordingError, MappingError, FusionError, ToolError) as error:
+    except (RecordingError, MappingError, FusionError, PlanningError, ToolError) as error:
         _fail(error, ExitCode.FAILED)
     except SystemExit as end:
         if end.code == ExitCode.CUT_OFF:

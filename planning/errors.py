@@ -1,0 +1,5 @@
+"""What can go wrong in planning; each text is one line with value, expectation and remedy."""
+
+
+class PlanningError(Exception):
+    """Base of this layer's errors; the command line exits with 1."""

@@ -1,0 +1,56 @@
+"""`mapfuse-robot evaluate plans`: a planner on a set of problems."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tools.commands.options import Json, Seed, print_json
+from tools.exit_codes import ExitCode
+
+log = logging.getLogger(__name__)
+
+
+def plans(
+    problems: Annotated[
+        Path, typer.Argument(metavar="PROBLEMS.json", help="{map: [{start, goal, ref}]}, with <map>.yaml beside it.")
+    ],
+    radius: Annotated[float, typer.Option(metavar="M", help="Turning radius of the rear axle.")] = 0.55,
+    time_limit: Annotated[float, typer.Option(metavar="S", min=0.0, help="The longest search for one path.")] = 10.0,
+    unknown_free: Annotated[bool, typer.Option("--unknown-free", help="Let paths cross unseen space.")] = False,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Plan every problem with RRT and with RRT-Connect; check each path a second time by another method.
+
+    Exit code 3: some problems are unsolved. Exit code 1: a path collides.
+    """
+    from planning.drivable import UnknownSpace
+    from planning.plan import PlanSettings
+    from planning.planner import Planner
+    from planning.vehicle import Vehicle
+    from tools.plan_problems import evaluate_plans
+
+    unknown = UnknownSpace.free if unknown_free else UnknownSpace.forbidden
+    reports = []
+    for planner in Planner:
+        settings = PlanSettings(planner, unknown, time_limit)
+        reports.append(evaluate_plans(problems, Vehicle(turning_radius_m=radius), settings, seed, log.info))
+    maps = [(report["planner"], name, row) for report in reports for name, row in report["maps"].items()]
+    if as_json:
+        print_json({"planners": reports})
+    else:
+        typer.echo("planner      map          solved  colliding  s median  s p95   length/ref median, p95")
+        for planner_name, name, row in maps:
+            typer.echo(
+                f"{planner_name:12} {name:12} {row['solved']:2}/{row['problems']:2}   {row['colliding_paths']:9}"
+                f"  {row['seconds_median']:8.3f}  {row['seconds_p95']:6.3f}"
+                f"  {row['length_over_ref_median']}, {row['length_over_ref_p95']}"
+            )
+    if any(row["colliding_paths"] for _, _, row in maps):
+        raise typer.Exit(ExitCode.FAILED)
+    solved = all(row["solved"] == row["problems"] for _, _, row in maps)
+    raise typer.Exit(ExitCode.OK if solved else ExitCode.PARTIAL)
