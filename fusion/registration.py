@@ -8,7 +8,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.consensus import find_consensus
+from fusion.consensus import Consensus, find_consensus
 from fusion.features import Features, detect_features
 from fusion.free_space import free_layer, rescale
 from fusion.identity import content_corner, reference_rank, same_evidence
@@ -26,6 +26,7 @@ class RegistrationSettings:
 
     alpha: cells less free than this are dropped (section 3.1). max_ratio: of the ratio test, on SSD (3.11).
     tolerance_px: MSAC's tau (3.14) in cells of the coarser map. trials, confidence: of MSAC. rule: see verification.
+    hypotheses: so many motions are judged, each from the matches that the ones before left over.
     """
 
     alpha: float
@@ -34,11 +35,12 @@ class RegistrationSettings:
     trials: int
     rule: AcceptanceRule
     confidence: float = 0.99
+    hypotheses: int = 1
 
 
 PRESETS = MappingProxyType(
     {
-        "default": RegistrationSettings(0.5, 0.8, 3.0, 5000, AcceptanceRule(10, 0.90, 5.0, 0.20)),
+        "default": RegistrationSettings(0.5, 0.8, 3.0, 5000, AcceptanceRule(6, 0.90, 5.0, 0.20), hypotheses=6),
         "thesis": RegistrationSettings(0.99, 0.6, 1.5, 1000, AcceptanceRule(10, 0.95)),
     }
 )
@@ -87,25 +89,48 @@ def _register(
         features.append(found)
         points.append(_in_map_frame(found, grid, cell_m))
     in_fixed, in_moving = match_descriptors(features[0].descriptors, features[1].descriptors, settings.max_ratio)
-    consensus = find_consensus(
-        points[0][in_fixed],
-        points[1][in_moving],
-        settings.tolerance_px * cell_m,
-        trials=settings.trials,
-        confidence=settings.confidence,
-        seed=seed,
-    )
-    if consensus is None:
+    candidates = _candidates(points[0][in_fixed], points[1][in_moving], cell_m, settings, seed)
+    if not candidates:
         counts = f"{len(points[0])} and {len(points[1])} keypoints, {len(in_fixed)} matches"
         return Alignment(None, False, f"no motion fits two matches ({counts})")
-    inliers = int(np.count_nonzero(consensus.inliers))
-    agreement = compare(fixed, moving, consensus.T_a_b)
-    against = objection(agreement, inliers, settings.rule)
+    judged = [_judge(fixed, moving, candidate, len(in_fixed), settings.rule) for candidate in candidates]
+    return next((alignment for alignment in judged if alignment.accepted), judged[0])
+
+
+def _candidates(
+    points_a: FloatArray, points_b: FloatArray, cell_m: float, settings: RegistrationSettings, seed: int
+) -> list[Consensus]:
+    """Return the motion that most matches agree on, then the one that most of the others agree on, and so on."""
+    found: list[Consensus] = []
+    left = np.ones(len(points_a), np.bool_)
+    while len(found) < settings.hypotheses:
+        consensus = find_consensus(
+            points_a[left],
+            points_b[left],
+            settings.tolerance_px * cell_m,
+            trials=settings.trials,
+            confidence=settings.confidence,
+            seed=seed + len(found),
+        )
+        if consensus is None or (found and np.count_nonzero(consensus.inliers) < settings.rule.min_inliers):
+            break
+        found.append(consensus)
+        left[np.flatnonzero(left)[consensus.inliers]] = False
+    return found
+
+
+def _judge(
+    fixed: OccupancyGrid, moving: OccupancyGrid, candidate: Consensus, matches: int, rule: AcceptanceRule
+) -> Alignment:
+    """Compare the maps at a candidate's motion."""
+    inliers = int(np.count_nonzero(candidate.inliers))
+    agreement = compare(fixed, moving, candidate.T_a_b)
+    against = objection(agreement, inliers, rule)
     reason = against or (
-        f"{inliers} of {len(in_fixed)} matches agree, acceptance index {agreement.acceptance:.3f}, "
+        f"{inliers} of {matches} matches agree, acceptance index {agreement.acceptance:.3f}, "
         f"{agreement.wall_m:.0f} m of common wall"
     )
-    return Alignment(consensus.T_a_b, against is None, reason, inliers, agreement.acceptance, agreement.overlap)
+    return Alignment(candidate.T_a_b, against is None, reason, inliers, agreement.acceptance, agreement.overlap)
 
 
 def _in_map_frame(features: Features, grid: OccupancyGrid, cell_m: float) -> FloatArray:

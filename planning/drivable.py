@@ -77,9 +77,9 @@ def drivable_map(grid: OccupancyGrid, vehicle: Vehicle, unknown: UnknownSpace) -
         blocked = occupied | _without_specks(~occupied & ~(grid.log_odds < 0.0), vehicle.area_m2 / grid.resolution_m**2)
     to_blocked_m = _distance_m(blocked, grid.resolution_m)
     to_occupied_m = to_blocked_m if blocked is occupied else _distance_m(occupied, grid.resolution_m)
-    # Necessary for the rear axle anywhere in a cell: half a width to the nearest square. From centre to centre that is
-    # half a cell more, and the axle may be half a diagonal nearer.
-    bound_m = vehicle.grown[2] + (0.5 - np.sqrt(0.5)) * grid.resolution_m
+    # Necessary for the rear axle anywhere in a cell: the nearest edge of the car to the nearest square. From centre to
+    # centre that is half a cell more, and the axle may be half a diagonal nearer.
+    bound_m = min(vehicle.grown) + (0.5 - np.sqrt(0.5)) * grid.resolution_m
     passable = (~blocked) & (to_blocked_m >= bound_m)
     _, region = cv2.connectedComponents(passable.astype(np.uint8), connectivity=8)
     return DrivableMap(grid, vehicle, occupied, blocked, to_occupied_m, to_blocked_m, np.asarray(region, np.int32))

@@ -114,7 +114,7 @@ def _objection(drivable: DrivableMap, start: FloatArray, goal: FloatArray) -> Pl
             reason = f"{where}: {_why_not(drivable, pose)}"
             return PlanResult(None, occupied, reason, advice=_advice(drivable, pose, other))
     if _region(drivable, start) != _region(drivable, goal):
-        reason = "no way from start to goal is wide enough for the car"
+        reason = "no way from start to goal is wide enough for the car, or none that was seen"
         return PlanResult(None, PlanError.no_valid_path, reason, advice=_advice(drivable, goal, start))
     return None
 
@@ -142,7 +142,7 @@ def _advice(drivable: DrivableMap, wanted: FloatArray, other: FloatArray) -> Flo
     region = _region(drivable, other)
     rows, cols = np.nonzero(drivable.region == region if region else drivable.region > 0)
     centers = drivable.grid.cell_centers(rows, cols)
-    order = np.argsort(((centers - wanted[:2]) ** 2).sum(axis=1), kind="stable")[:_ADVICE_CELLS]
+    order = np.argsort(np.hypot(*(centers - wanted[:2]).T), kind="stable")[:_ADVICE_CELLS]
     turns = sorted(np.arange(_ADVICE_TURNS) * 2.0 * np.pi / _ADVICE_TURNS, key=lambda turn: abs(se2.wrap_angle(turn)))
     for center in centers[order]:
         for turn in turns:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from planning.errors import PlanningError
 
+LEAST_RADIUS_M = 0.2
+
 
 @dataclass(frozen=True, slots=True)
 class Vehicle:
@@ -28,6 +30,11 @@ class Vehicle:
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise PlanningError(f"vehicle: {name} is {value}, expected a positive length in m")
+        if self.turning_radius_m < LEAST_RADIUS_M:
+            raise PlanningError(
+                f"vehicle: turning_radius_m is {self.turning_radius_m}, expected {LEAST_RADIUS_M} or more: paths are "
+                "checked every centimetre, too coarse for tighter turns"
+            )
         if not (math.isfinite(self.margin_m) and self.margin_m >= 0):
             raise PlanningError(f"vehicle: margin_m is {self.margin_m}, expected a length in m, 0 or more")
 

@@ -21,6 +21,7 @@ from tools.commands import (
     demo,
     emulate,
     evaluate,
+    evaluate_maps,
     evaluate_plans,
     fuse,
     plan,
@@ -51,6 +52,7 @@ app.command("bench")(bench.bench)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
+evaluate.app.command("maps")(evaluate_maps.maps)
 evaluate.app.command("plans")(evaluate_plans.plans)
 app.add_typer(config.app, name="config")
 

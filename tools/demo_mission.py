@@ -1,164 +1,243 @@
-"""The demo: an emulated car is mapped live over a pseudo-terminal, the recording replayed, both scored on the truth."""
+"""The demo: two emulated cars are mapped live, their maps fused, a path planned on the result, all scored."""
 
 from __future__ import annotations
 
 import json
 import shutil
-import signal
-import subprocess
-import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
+from fusion.evaluation import alignment_error
+from mapping import se2
+from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
 from mapping.metrics import absolute_trajectory_error
-from mapping.trajectory import read_tum
+from mapping.trajectory import Trajectory, read_tum
+from tools.demo_cars import CarFiles, DemoCar, Stopped, drive_live, run_command
 from tools.errors import ToolError
+from tools.exit_codes import ExitCode
+from tools.results import Report
+from tools.signals import stop_on_signals
 
+FloatArray = NDArray[np.float64]
+CARS = (DemoCar("A", "A2M8", "office-west", 0.04), DemoCar("B", "A2M12", "office-east", 0.05))
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
 
 
-@dataclass(frozen=True, slots=True)
-class DemoFiles:
-    """Where the demo keeps what it makes."""
+@dataclass(frozen=True, slots=True, eq=False)
+class MappedCar:
+    """What one car brought home, and where it really was."""
 
-    folder: Path
-
-    @property
-    def live(self) -> Path:
-        """Results and recording of the live run."""
-        return self.folder / "live"
+    car: DemoCar
+    grid: OccupancyGrid
+    trajectory: Trajectory
+    truth: Trajectory
 
     @property
-    def replay(self) -> Path:
-        """Results of the replay."""
-        return self.folder / "replay"
+    def T_world_map(self) -> FloatArray:  # noqa: N802 - the name says which frames
+        """The true pose (3,) of the map frame: where base_link was at the first mapped scan."""
+        first = max(int(self.trajectory.stamps_ns[0]), int(self.truth.stamps_ns[0]))
+        true_pose = self.truth.at(np.array([first], dtype=np.int64))[0]
+        return se2.compose(true_pose, se2.inverse(self.trajectory.poses[0]))
 
     @property
-    def truth(self) -> Path:
-        """The simulator's true drive: nothing but the scorer reads it."""
-        return self.folder / "truth.tum"
-
-    @property
-    def picture(self) -> Path:
-        """Map, trajectory and truth in one picture."""
-        return self.folder / "demo.png"
+    def T_world_drive(self) -> FloatArray:  # noqa: N802
+        """The pose (3,) of the map frame that fits the whole drive best: without the map's error at its first scan."""
+        return np.array(absolute_trajectory_error(self.trajectory, self.truth).T_truth_estimate)
 
 
-def run_demo(folder: Path, model: str, seed: int) -> None:
-    """Run the mission, print the table and write the picture. Raises ToolError naming the part that failed."""
-    files = DemoFiles(folder)
-    _clear(files)
-    _say("1/4  an emulated car with an RPLIDAR sets out (simulated data)")
-    emitted = _drive_live(files, model, seed)
-    _say("3/4  the recording is replayed")
-    _command("replay", str(files.live / "recording.mcap"), "-o", str(files.replay))
-    _say("4/4  the trajectory is scored against the simulator's truth")
-    _score(files, emitted)
+def run_demo(folder: Path, seed: int) -> ExitCode:
+    """Run the mission, print the table, write the picture and demo.json; PARTIAL where the maps were not fused.
+
+    Raises ToolError naming the part that failed.
+    """
+    started = time.monotonic()
+    _clear(folder)
+    files = [CarFiles(folder / f"car_{car.name.lower()}") for car in CARS]
+    for each in files:
+        each.folder.mkdir()
+    with stop_on_signals() as stop:
+        try:
+            report = _mission(folder, files, seed, stop.is_set)
+        except KeyboardInterrupt:
+            return ExitCode.CUT_OFF
+    report["seconds"] = round(time.monotonic() - started, 1)
+    (folder / _MARK).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    _print_table(folder, report)
+    if not all(car["identical"] for car in report["cars"]):
+        raise ToolError(f"{folder}: a replay differs from its live run")
+    if not report["alignment"]["accepted"]:
+        return ExitCode.PARTIAL
+    return ExitCode.OK if report["plan"]["solved"] else ExitCode.FAILED
 
 
-def _drive_live(files: DemoFiles, model: str, seed: int) -> int:
-    """Emulate and map until the car has arrived; return the number of samples that the emulator emitted."""
-    link = files.folder / "lidar"
-    arguments = ["emulate", "lidar", "--model", model, "--seed", str(seed), "--json"]
-    emulator = _start(*arguments, "--link", str(link), "--truth", str(files.truth), stdout=subprocess.PIPE)
-    run: subprocess.Popen[str] | None = None
-    try:
-        assert emulator.stdout is not None
-        _await_event(emulator.stdout, "ready")
-        _say(f"2/4  mapfuse-robot run --lidar {link}")
-        run = _start("run", "--lidar", str(link), "-o", str(files.live))
-        departed = _await_event(emulator.stdout, "departed")
-        _say(f"     the car drives for {departed['seconds']} s")
-        _await_event(emulator.stdout, "arrived")
-        _end(run, "run")
-        _end(emulator, "emulate lidar", wait=False)
-        return int(str(_await_event(emulator.stdout, "stopped")["samples_emitted"]))
-    finally:
-        for process in (run, emulator):
-            if process is not None and process.poll() is None:
-                process.terminate()
-                process.wait()
+def _mission(folder: Path, files: list[CarFiles], seed: int, stopped: Stopped) -> Report:
+    _say("1/5  two emulated cars with RPLIDARs set out (simulated data)")
+    emitted = drive_live(list(zip(CARS, files, strict=True)), seed, stopped, _say)
+    _say("2/5  both recordings are replayed")
+    for each in files:
+        run_command(stopped, "-q", "replay", str(each.live / "recording.mcap"), "-o", str(each.replay))
+    _say("3/5  their maps are fused, without a hint where they are: mapfuse-robot fuse")
+    maps = [str(each.live / "map.npz") for each in files]
+    arguments = ["fuse", *maps, "-o", str(folder / "fused"), "--seed", str(seed)]
+    run_command(stopped, *arguments, allowed=(ExitCode.OK, ExitCode.PARTIAL))
+    fused: Report = json.loads((folder / "fused/report.json").read_text(encoding="utf-8"))
+    _say("4/5  a path from where car A started to where car B started: mapfuse-robot plan")
+    mapped = [_read_car(car, each) for car, each in zip(CARS, files, strict=True)]
+    planned = _plan(folder, mapped, fused, seed, stopped)
+    _say("5/5  all is scored against the simulator's truth")
+    report: Report = {
+        "simulated": True,
+        "seed": seed,
+        "cars": [_score_car(each, result, count) for each, result, count in zip(mapped, files, emitted, strict=True)],
+        "alignment": _score_alignment(mapped, fused["pairs"][0]),
+        "plan": {key: planned[key] for key in ("solved", "error", "length_m", "seconds", "min_clearance_m")},
+    }
+    _draw(folder, mapped, fused, planned, report)
+    return report
 
 
-def _score(files: DemoFiles, emitted: int) -> None:
-    """Compare live run, replay and truth; print the table; draw the picture."""
-    from tools.plots import draw_demo
+def _read_car(car: DemoCar, files: CarFiles) -> MappedCar:
+    return MappedCar(
+        car, read_map(files.live / "map.npz"), read_tum(files.live / "trajectory.tum"), read_tum(files.truth)
+    )
 
-    truth, live, replayed = (read_tum(path) for path in _trajectories(files))
-    report = json.loads((files.live / "report.json").read_text(encoding="utf-8"))
-    identical = _same(files)
-    error = absolute_trajectory_error(live, truth)
-    draw_demo(files.picture, read_map(files.live / "map.npz"), live, truth, error)
-    decoded = report["decoder"]["samples"]
-    rows = [
-        ("driven", f"{truth.length_m:.1f} m in {(truth.stamps_ns[-1] - truth.stamps_ns[0]) * 1e-9:.0f} s"),
-        ("points decoded / emitted", f"{decoded} / {emitted} ({decoded / emitted:.2%})"),
-        ("scans mapped / dropped", f"{report['scans']['mapped']} / {report['dropped_scans']}"),
-        ("mapping time a scan", f"{report['timing']['per_scan_ms_median']:.1f} ms (median)"),
-        ("trajectory error, rms", f"{error.rms_m * 100:.1f} cm"),
-        ("trajectory error, max", f"{error.max_m * 100:.1f} cm, {error.max_deg:.2f} deg"),
-        ("replay = live run", "identical trajectory and map" if identical else f"DIFFERENT ({len(replayed)} poses)"),
-        ("picture", str(files.picture)),
+
+def _plan(folder: Path, mapped: list[MappedCar], fused: Report, seed: int, stopped: Stopped) -> Report:
+    """Plan on the first global map from car A's start to car B's; if they were not fused there is no such path."""
+    a, b = fused["maps"]
+    if a["group"] != b["group"]:
+        return {
+            "solved": False,
+            "error": "NOT_FUSED",
+            "length_m": None,
+            "seconds": 0.0,
+            "min_clearance_m": None,
+            "path": [],
+        }
+    ends = [
+        [str(value) for value in se2.compose(np.array(entry["T_global_map"]), each.trajectory.poses[0]).tolist()]
+        for entry, each in zip((a, b), mapped, strict=True)
     ]
+    command = ["plan", str(folder / "fused/global_0.npz"), "--start", *ends[0], "--goal", *ends[1]]
+    options = ["--seed", str(seed), "-o", str(folder / "plan")]
+    run_command(stopped, *command, *options, allowed=(ExitCode.OK, ExitCode.FAILED))
+    planned: Report = json.loads((folder / "plan/plan.json").read_text(encoding="utf-8"))
+    return planned
+
+
+def _score_car(mapped: MappedCar, files: CarFiles, emitted: int) -> Report:
+    report = json.loads((files.live / "report.json").read_text(encoding="utf-8"))
+    error = absolute_trajectory_error(mapped.trajectory, mapped.truth)
+    span_s = float(np.ptp(mapped.truth.stamps_ns)) * 1e-9
+    return {
+        "name": mapped.car.name,
+        "model": mapped.car.model,
+        "resolution_m": mapped.car.resolution_m,
+        "driven_m": round(mapped.truth.length_m, 2),
+        "driven_s": round(span_s, 1),
+        "decoded": report["decoder"]["samples"],
+        "emitted": emitted,
+        "mapped_scans": report["scans"]["mapped"],
+        "dropped_scans": report["dropped_scans"],
+        "rms_m": round(error.rms_m, 4),
+        "max_m": round(error.max_m, 4),
+        "identical": _same(files),
+    }
+
+
+def _score_alignment(mapped: list[MappedCar], pair: Report) -> Report:
+    a, b = mapped
+    true_T_a_b = se2.between(a.T_world_map, b.T_world_map)
+    scored: Report = {
+        "accepted": pair["accepted"],
+        "reason": pair["reason"],
+        "seconds": pair["seconds"],
+        "frames_apart_m": round(float(np.hypot(*true_T_a_b[:2])), 2),
+        "frames_apart_deg": round(float(np.degrees(abs(true_T_a_b[2]))), 1),
+        "rms_m": None,
+        "rotation_deg": None,
+        "rms_between_maps_m": None,
+    }
+    if pair["dx"] is not None:
+        found = np.array([pair["dx"], pair["dy"], np.radians(pair["theta_deg"])])
+        error = alignment_error(a.grid, b.grid, found, true_T_a_b)
+        scored |= {"rms_m": round(error.rms_m, 4), "rotation_deg": round(error.rotation_deg, 3)}
+        between_maps = alignment_error(a.grid, b.grid, found, se2.between(a.T_world_drive, b.T_world_drive))
+        scored["rms_between_maps_m"] = round(between_maps.rms_m, 4)
+    return scored
+
+
+def _draw(folder: Path, mapped: list[MappedCar], fused: Report, planned: Report, report: Report) -> None:
+    from tools.plots import MissionPicture, draw_mission
+
+    together = fused["maps"][0]["group"] == fused["maps"][1]["group"]
+    poses = [np.array(entry["T_global_map"]) if together else np.zeros(3) for entry in fused["maps"]]
+    scored = report["alignment"]
+    title = "the maps were NOT fused"
+    if together:
+        title = f"fused with an error of {scored['rms_m'] * 100:.1f} cm and {scored['rotation_deg']:.2f} deg"
+    picture = MissionPicture(
+        names=tuple(f"car {each.car.name} ({each.car.model}, {each.car.resolution_m:g} m)" for each in mapped),
+        grids=tuple(each.grid for each in mapped),
+        trajectories=tuple(each.trajectory.poses for each in mapped),
+        T_global_map=tuple(poses),
+        fused=read_map(folder / "fused/global_0.npz"),
+        path=np.array(planned["path"]).reshape(-1, 3),
+        title=f"Simulated: {title}",
+    )
+    draw_mission(folder / "demo.png", picture)
+
+
+def _print_table(folder: Path, report: Report) -> None:
+    rows: list[tuple[str, str]] = []
+    for car in report["cars"]:
+        same = "identical" if car["identical"] else "DIFFERENT"
+        scans = f"{car['mapped_scans']} scans mapped, {car['dropped_scans']} dropped"
+        rows += [
+            (f"car {car['name']}", f"{car['model']}, map of {car['resolution_m']:g} m cells"),
+            ("", f"{car['driven_m']:.1f} m in {car['driven_s']:.0f} s, {scans}"),
+            ("", f"{car['decoded']} of {car['emitted']} points decoded ({car['decoded'] / car['emitted']:.2%})"),
+            ("", f"trajectory error {car['rms_m'] * 100:.1f} cm rms, replay and live run {same}"),
+        ]
+    scored, planned = report["alignment"], report["plan"]
+    rows.append(("frames apart", f"{scored['frames_apart_m']:.1f} m, {scored['frames_apart_deg']:.0f} deg"))
+    verdict = "fused" if scored["accepted"] else "REFUSED"
+    error = (
+        "" if scored["rms_m"] is None else f", error {scored['rms_m'] * 100:.1f} cm, {scored['rotation_deg']:.2f} deg"
+    )
+    rows.append(("alignment", f"{verdict} in {scored['seconds']:.1f} s{error}"))
+    path = f"none: {planned['error']}"
+    if planned["solved"]:
+        path = f"{planned['length_m']:.1f} m, found in {planned['seconds']:.2f} s"
+    rows.append(("path from A to B", path))
+    rows += [("in all", f"{report['seconds']:.0f} s"), ("picture", str(folder / "demo.png"))]
     width = max(len(name) for name, _ in rows)
     _say("\nSimulated data:\n" + "\n".join(f"  {name:<{width}}  {value}" for name, value in rows))
-    values = {"rms_m": error.rms_m, "max_m": error.max_m, "max_deg": error.max_deg, "identical": identical}
-    (files.folder / _MARK).write_text(json.dumps(values | {"decoded": decoded, "emitted": emitted}) + "\n")
-    if not identical:
-        raise ToolError(f"{files.folder}: the replay differs from the live run")
 
 
-def _trajectories(files: DemoFiles) -> tuple[Path, Path, Path]:
-    return files.truth, files.live / "trajectory.tum", files.replay / "trajectory.tum"
-
-
-def _same(files: DemoFiles) -> bool:
+def _same(files: CarFiles) -> bool:
     """Whether live run and replay gave the same bytes."""
     names = ("trajectory.tum", "map.pgm", "map.yaml")
     return all((files.live / name).read_bytes() == (files.replay / name).read_bytes() for name in names)
 
 
-def _clear(files: DemoFiles) -> None:
+def _clear(folder: Path) -> None:
     """Make the folder; empty it only if a former demo made it."""
-    if files.folder.exists() and any(files.folder.iterdir()):
-        if not (files.folder / _MARK).exists():
-            raise ToolError(f"{files.folder}: not empty, and no former demo's folder: choose another with -o")
-        shutil.rmtree(files.folder)
-    files.folder.mkdir(parents=True, exist_ok=True)
-    (files.folder / _MARK).write_text("{}\n")
-
-
-def _await_event(stream: IO[str], wanted: str) -> dict[str, object]:
-    """Read the emulator's events up to the wanted one."""
-    for line in stream:
-        event: dict[str, object] = json.loads(line)
-        if event["event"] == wanted:
-            return event
-    raise ToolError(f"the emulator ended before it was '{wanted}'")
-
-
-def _start(*arguments: str, stdout: int | None = None) -> subprocess.Popen[str]:
-    """Start a command of this program as a process of its own."""
-    return subprocess.Popen([sys.executable, "-m", "tools.cli", *arguments], stdout=stdout, text=True)  # noqa: S603
-
-
-def _command(*arguments: str) -> None:
-    """Run a command of this program to its end."""
-    process = _start(*arguments)
-    if process.wait() != 0:
-        raise ToolError(f"mapfuse-robot {arguments[0]} failed with exit code {process.returncode}")
-
-
-def _end(process: subprocess.Popen[str], name: str, *, wait: bool = True) -> None:
-    """Press Ctrl-C for a process."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    if wait and process.wait() != 0:
-        raise ToolError(f"mapfuse-robot {name} failed with exit code {process.returncode}")
+    try:
+        if folder.exists() and any(folder.iterdir()):
+            if not (folder / _MARK).exists():
+                raise ToolError(f"{folder}: not empty, and no former demo's folder: choose another with -o")
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / _MARK).write_text("{}\n", encoding="utf-8")
+    except OSError as error:
+        raise ToolError(f"{folder}: no folder for the results: {error.strerror or error}: choose another") from error
 
 
 def _say(text: str) -> None:

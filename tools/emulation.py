@@ -17,7 +17,7 @@ from mapping.trajectory import Trajectory, read_tum, write_tum
 from tools.clock import RunClock
 from tools.config import Config
 from tools.simulator import SimulatedLidar, drive_along
-from tools.world import OFFICE_TOUR, load_world
+from tools.world import OFFICE_TOURS, load_world
 
 NOISE = (0.004, 0.003)  # m, and share of the range: an A2's ranges scatter by about 1 cm at 2 m
 DROPOUT = 0.01
@@ -32,9 +32,9 @@ class Drive:
     name: str
 
     @staticmethod
-    def tour() -> Drive:
-        """Return a round trip through the office."""
-        return Drive(drive_along(OFFICE_TOUR), "office tour")
+    def tour(name: str) -> Drive:
+        """Return one of the drives through the office, OFFICE_TOURS."""
+        return Drive(drive_along(OFFICE_TOURS[name]), f"{name} tour")
 
     @staticmethod
     def standing(pose: tuple[float, float, float]) -> Drive:

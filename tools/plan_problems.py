@@ -59,7 +59,7 @@ def evaluate_plans(
 def colliding_poses(grid: OccupancyGrid, poses: FloatArray, vehicle: Vehicle) -> int:
     """Count poses along a path (N, 3), refined to 5 mm, at which a point of the car's body lies in an occupied cell.
 
-    Written apart from the planner's own test on purpose: it samples the body every centimetre, edges included, and looks the points up.
+    Written apart from the planner's own test on purpose: it looks up points of the body every centimetre, edges too.
     """
     along = np.linspace(-vehicle.rear_m, vehicle.front_m, 1 + round((vehicle.front_m + vehicle.rear_m) / _BODY_M))
     across = np.linspace(-vehicle.half_width_m, vehicle.half_width_m, 1 + round(2.0 * vehicle.half_width_m / _BODY_M))

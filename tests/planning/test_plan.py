@@ -100,6 +100,19 @@ def test_ends_that_cannot_be_are_named_with_a_way_out(rooms, start, goal, error,
     assert run(rooms, other, result.advice).path is not None
 
 
+@pytest.mark.parametrize("gap_m", [0.095, 0.1, 0.105])
+def test_a_car_backed_against_a_wall_drives_off(gap_m):
+    cells = np.full((200, 300), -5.0, np.float32)
+    cells[[0, -1], :] = cells[:, [0]] = cells[:, [-1]] = 5.0
+    grid = OccupancyGrid(cells, 0.02, np.zeros(3))
+    assert run(grid, np.array([0.02 + gap_m, 2.0, 0.0]), np.array([4.0, 2.0, 0.0])).path is not None
+
+
+def test_a_goal_at_the_end_of_the_world_is_outside_the_map(rooms):
+    result = run(rooms, at(rooms, 1.0, 1.0, 0.0), np.array([1e300, 0.0, 0.0]))
+    assert result.error is PlanError.goal_outside_map
+
+
 def test_unseen_space_may_be_allowed(rooms):
     goal = at(rooms, 7.2, 5.2, 0.0)
     assert run(rooms, at(rooms, 1.0, 1.0, 0.0), goal, unknown=UnknownSpace.free).path is not None
@@ -137,6 +150,6 @@ def test_maps_without_free_space_refuse_every_end(rooms):
 def test_poses_and_vehicles_must_be_finite(rooms):
     with pytest.raises(PlanningError, match="not a finite pose"):
         run(rooms, np.array([np.nan, 0.0, 0.0]), at(rooms, 1.0, 1.0, 0.0))
-    for bad in ({"turning_radius_m": 0.0}, {"half_width_m": np.nan}, {"margin_m": -0.1}):
+    for bad in ({"turning_radius_m": 0.0}, {"half_width_m": np.nan}, {"margin_m": -0.1}, {"turning_radius_m": 0.1}):
         with pytest.raises(PlanningError, match="vehicle"):
             Vehicle(**bad)

@@ -1,23 +1,40 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import cv2
 import pytest
 
+from tools import demo_cars
+from tools.demo_cars import CarFiles, DemoCar, drive_live, run_command
 from tools.demo_mission import run_demo
 from tools.errors import ToolError
 
+CAR = DemoCar("A", "A2M8", "office-west", 0.05)
 
-def test_demo_maps_the_office_and_replays_it_identically(spawn, tmp_path):
+
+def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     folder = tmp_path / "demo"
     demo = spawn("demo", "-o", folder)
     _, err = demo.process.communicate(timeout=300)
     assert demo.process.returncode == 0, err
     result = json.loads((folder / "demo.json").read_text())
-    assert result["identical"] is True
-    assert result["decoded"] == pytest.approx(result["emitted"], rel=0.01)
-    assert result["rms_m"] < 0.05
+    assert result["simulated"] is True
+    for car in result["cars"]:
+        assert car["identical"] is True
+        assert car["decoded"] == pytest.approx(car["emitted"], rel=0.01)
+        assert car["rms_m"] < 0.05
+    assert result["alignment"]["accepted"] is True
+    assert result["alignment"]["rms_m"] < 0.15
+    assert result["alignment"]["frames_apart_m"] > 5.0
+    assert result["alignment"]["frames_apart_deg"] > 30.0
+    assert result["plan"]["solved"] is True
     assert cv2.imread(str(folder / "demo.png")).shape[0] > 500
     assert "Simulated data" in err
 
@@ -25,5 +42,51 @@ def test_demo_maps_the_office_and_replays_it_identically(spawn, tmp_path):
 def test_demo_does_not_empty_a_folder_that_is_not_its_own(tmp_path):
     (tmp_path / "thesis.txt").write_text("years of work")
     with pytest.raises(ToolError, match="not empty"):
-        run_demo(tmp_path, "A2M8", 0)
+        run_demo(tmp_path, 0)
     assert (tmp_path / "thesis.txt").exists()
+    with pytest.raises(ToolError, match="no folder"):
+        run_demo(tmp_path / "thesis.txt" / "below", 0)
+
+
+def children() -> set[int]:
+    """The processes that this one started and that still run."""
+    listed = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+    return {int(number) for number in listed}
+
+
+def test_a_run_that_dies_before_departure_ends_the_demo_with_its_name(tmp_path, monkeypatch):
+    """A run that ends at once, as one does that is killed."""
+    entry = demo_cars._ENTRY
+    monkeypatch.setattr(demo_cars, "_ENTRY", f"import sys\nif 'run' in sys.argv: sys.exit(9)\n{entry}")
+    before = children()
+    with pytest.raises(ToolError, match="car A: run ended with exit code 9 before 'departed'"):
+        drive_live([(CAR, CarFiles(tmp_path))], 0, lambda: False, lambda _text: None)
+    assert children() == before
+
+
+def test_stopping_ends_all_processes(tmp_path):
+    before, asked = children(), time.monotonic() + 1.0
+    with pytest.raises(KeyboardInterrupt):
+        drive_live([(CAR, CarFiles(tmp_path))], 0, lambda: time.monotonic() > asked, lambda _text: None)
+    assert children() == before
+
+
+def test_sigterm_ends_the_demo_as_cut_off(spawn, tmp_path):
+    demo = spawn("demo", "-o", tmp_path / "demo")
+    while not (tmp_path / "demo/car_a/lidar").exists():
+        assert demo.process.poll() is None
+        time.sleep(0.05)
+    ended = demo.end(signal.SIGTERM)
+    assert ended.code == 130
+
+
+def test_children_are_found_where_a_folder_called_tools_is_in_the_way(tmp_path, monkeypatch):
+    (tmp_path / "tools").mkdir()
+    (tmp_path / "tools/__init__.py").write_text("raise SystemExit(77)")
+    monkeypatch.chdir(tmp_path)
+    assert run_command(lambda: False, "config", "show") == 0
+    with pytest.raises(ToolError, match="bag failed with exit code"):
+        run_command(lambda: False, "bag", "info", "none.mcap")
+    shadowed = [sys.executable, "-m", "tools.cli", "--version"]
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    assert subprocess.run(shadowed, check=False, env=environment, capture_output=True).returncode == 77

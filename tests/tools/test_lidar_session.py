@@ -19,7 +19,7 @@ from tools.replay_run import recorded_config, replay_recording
 
 def live_run(folder, config):
     """Map for three seconds a lidar that turns already: its first samples come with the answer to the scan request."""
-    drive = Drive.tour()
+    drive = Drive.tour("office")
     emulator = RplidarEmulator(A2M8, simulated_lidar("office", drive, noise=True, seed=3), startup_s=-0.2)
     stop = threading.Event()
     timer = threading.Timer(4.0, stop.set)

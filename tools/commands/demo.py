@@ -12,13 +12,13 @@ def demo(
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results; emptied of a former demo.")
     ] = Path("runs/demo"),
-    model: Annotated[str, typer.Option(help="The emulated lidar: A2M8 or A2M12.")] = "A2M8",
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise and of the random samples.")] = 0,
 ) -> None:
-    """Map a building with an emulated RPLIDAR on a simulated car: `run`, Ctrl-C, `replay`, and the error against truth.
+    """Two emulated cars map a building, their maps become one, and a path is planned on it; scored against the truth.
 
-    Takes about two minutes. All data are simulated; everything above the serial port is what runs on the car.
+    Takes about two minutes. All data are simulated; everything above the serial ports is what runs on the cars. Exit
+    code 3: the maps were not fused.
     """
     from tools.demo_mission import run_demo
 
-    run_demo(output, model, seed)
+    raise typer.Exit(run_demo(output, seed))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,15 @@ import typer
 
 from tools.commands.options import Json
 from tools.errors import UsageError
+
+
+class OfficeTour(str, Enum):
+    """The drives through the built-in office: a round trip, and one in each of two wings."""
+
+    office = "office"
+    west = "office-west"
+    east = "office-east"
+
 
 app = typer.Typer(help="Emulate a device.", no_args_is_help=True, rich_markup_mode=None)
 
@@ -26,6 +36,9 @@ def lidar(
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y YAW", help="Stand here: pose of the car in the world, in m and rad."),
     ] = None,
+    tour: Annotated[
+        OfficeTour, typer.Option("--drive", help="Which way through the office, without --pose and --trajectory.")
+    ] = OfficeTour.office,
     trajectory: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Drive along these poses (TUM), from the first scan request on."),
@@ -40,7 +53,7 @@ def lidar(
 ) -> None:
     """An RPLIDAR A2 on a pseudo-terminal, in a car that drives through a world; serves until Ctrl-C.
 
-    Without --pose and --trajectory it drives a round trip through the office. The car sets out a second after the
+    Without --pose and --trajectory it drives through the office. The car sets out a second after the
     first sample is asked for. One line for each event goes to stdout, the port's path first.
     """
     from drivers.rplidar_models import MODELS
@@ -53,7 +66,13 @@ def lidar(
         raise UsageError("--pose and --trajectory exclude each other: give one")
     if world != "office" and pose is None and trajectory is None:
         raise UsageError(f"--world {world}: say where the car is in it, with --pose or --trajectory")
-    drive = Drive.standing(pose) if pose is not None else Drive.from_file(trajectory) if trajectory else Drive.tour()
+    drive = (
+        Drive.standing(pose)
+        if pose is not None
+        else Drive.from_file(trajectory)
+        if trajectory
+        else Drive.tour(tour.value)
+    )
     ranger = simulated_lidar(world, drive, noise=noise, seed=seed)
     with stop_on_signals() as stop:
         serve_lidar(MODELS[model], ranger, drive, stop, truth=truth, link=link, as_json=as_json)

@@ -18,7 +18,9 @@ def plans(
     problems: Annotated[
         Path, typer.Argument(metavar="PROBLEMS.json", help="{map: [{start, goal, ref}]}, with <map>.yaml beside it.")
     ],
-    radius: Annotated[float, typer.Option(metavar="M", help="Turning radius of the rear axle.")] = 0.55,
+    radius: Annotated[
+        float, typer.Option(metavar="M", min=0.2, max=100.0, help="Turning radius of the rear axle.")
+    ] = 0.55,
     time_limit: Annotated[float, typer.Option(metavar="S", min=0.0, help="The longest search for one path.")] = 10.0,
     unknown_free: Annotated[bool, typer.Option("--unknown-free", help="Let paths cross unseen space.")] = False,
     seed: Seed = 0,

@@ -35,8 +35,12 @@ def plan(
     ],
     goal: Annotated[tuple[float, float, float], typer.Option(metavar="X Y YAW", help="Where it is to stand.")],
     planner: Annotated[PlannerName, typer.Option(help="OMPL planner.")] = PlannerName.rrt_connect,
-    radius: Annotated[float, typer.Option(metavar="M", help="Turning radius of the rear axle.")] = 0.55,
-    margin: Annotated[float, typer.Option(metavar="M", help="Room to keep around the car's body.")] = 0.01,
+    radius: Annotated[
+        float, typer.Option(metavar="M", min=0.2, max=100.0, help="Turning radius of the rear axle.")
+    ] = 0.55,
+    margin: Annotated[
+        float, typer.Option(metavar="M", min=0.0, max=10.0, help="Room to keep around the car's body.")
+    ] = 0.01,
     unknown: Annotated[
         UnknownPolicy, typer.Option(help="Keep off unseen space (specks smaller than the car excepted), or not.")
     ] = UnknownPolicy.forbidden,
