@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import os
 import sys
 from importlib.metadata import version
 from typing import Annotated, NoReturn
@@ -79,17 +81,32 @@ def options(
 def main() -> None:
     """Run the command line and exit: a known error becomes one line on stderr, an unknown one a traceback."""
     try:
-        app()
+        try:
+            app()
+        finally:
+            sys.stdout.flush()
     except DriverError as error:
         _fail(error, ExitCode.DEVICE)
     except UsageError as error:
         _fail(error, ExitCode.USAGE)
     except (RecordingError, MappingError, FusionError, PlanningError, ToolError) as error:
         _fail(error, ExitCode.FAILED)
+    except OSError as error:
+        _fail(_refused_by_system(error), ExitCode.FAILED)
     except SystemExit as end:
         if end.code == ExitCode.CUT_OFF:
             _fail("interrupted", ExitCode.CUT_OFF)
         raise
+
+
+def _refused_by_system(error: OSError) -> str:
+    """Return the line for what the operating system refused and no layer has a text for: odd names, full disks."""
+    if error.filename is not None:
+        return f"{error.filename}: {error.strerror}: check the name, the folder and the disk"
+    # What is still buffered for a full stdout would fail once more at the end of the process.
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return f"{error.strerror or error}: check where the output goes"
 
 
 def _fail(error: object, code: ExitCode) -> NoReturn:

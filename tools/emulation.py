@@ -16,6 +16,7 @@ from drivers.rplidar_models import EmulatedModel
 from mapping.trajectory import Trajectory, read_tum, write_tum
 from tools.clock import RunClock
 from tools.config import Config
+from tools.results import writing_to
 from tools.simulator import SimulatedLidar, drive_along
 from tools.world import OFFICE_TOURS, load_world
 
@@ -95,7 +96,8 @@ def serve_lidar(
                 _announce(as_json, "arrived")
     if truth is not None and ranger.start_ns is not None:
         shift_ns = ranger.start_ns + clock.offset_ns - int(drive.truth.stamps_ns[0])
-        write_tum(truth, replace(drive.truth, stamps_ns=drive.truth.stamps_ns + shift_ns))
+        with writing_to(truth):
+            write_tum(truth, replace(drive.truth, stamps_ns=drive.truth.stamps_ns + shift_ns))
     counters = emulator.counters
     _announce(as_json, "stopped", samples_emitted=counters.samples_emitted, bytes_lost=port.bytes_lost)
 

@@ -145,6 +145,8 @@ class _Progress:
 
 def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: RecordingReport | None) -> Report:
     """Return what only a live session knows."""
+    if outcome.dropped_scans:
+        log.warning("%d scans were dropped: mapping was too slow for them", outcome.dropped_scans)
     details: Report = {
         "simulated": is_emulated(stream.serial),
         "lidar": {"model": stream.model, "firmware": stream.firmware, "serial": stream.serial, "mode": stream.mode},
@@ -162,6 +164,8 @@ def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: Record
         }
         if recorded.error:
             log.warning("%s", recorded.error)
+        if recorded.dropped:
+            log.warning("the recording has gaps: %s", dict(recorded.dropped))
     return details
 
 

@@ -21,7 +21,7 @@ from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map_with_warnings, write_map
 from tools.errors import UsageError
 from tools.pictures import draw_map, write_picture
-from tools.results import FloatArray, Report, new_run_folder, writing_to
+from tools.results import FloatArray, Report, check_run_folder, new_run_folder, writing_to
 
 log = logging.getLogger(__name__)
 _MOST_MAPS = 2
@@ -62,6 +62,7 @@ def fuse_maps(files: Sequence[Path], output: Path | None, *, preset: str, seed: 
     """
     if len(files) > _MOST_MAPS:
         raise UsageError(f"{len(files)} maps given: this release fuses two at a time; fuse the result with the next")
+    check_run_folder(output)
     grids = [_load(path) for path in files]
     usable = [number for number, grid in enumerate(grids) if grid.known.any()]
     for number in sorted(set(range(len(files))) - set(usable)):

@@ -17,7 +17,7 @@ from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from tools.errors import UsageError
 from tools.pictures import draw_map, write_picture
-from tools.results import Report, new_run_folder, writing_to
+from tools.results import Report, check_run_folder, new_run_folder, writing_to
 
 log = logging.getLogger(__name__)
 Pose = tuple[float, float, float]
@@ -30,6 +30,8 @@ def plan_on_map(
     for name, pose in (("--start", start), ("--goal", goal)):
         if not all(math.isfinite(value) for value in pose):
             raise UsageError(f"{name} {pose[0]:g} {pose[1]:g} {pose[2]:g}: expected finite x and y in m and yaw in rad")
+    if output is not None:
+        check_run_folder(output)
     loaded = read_map_with_warnings(map_file)
     for warning in loaded.warnings:
         log.warning("%s", warning)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import itertools
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -28,20 +31,47 @@ Report = dict[str, Any]  # a JSON object
 
 
 def new_run_folder(chosen: Path | None) -> Path:
-    """Create and return the folder for results: the chosen one, or runs/<local time>; raises ToolError."""
-    folder = chosen or Path("runs") / datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+    """Create and return the folder for results: the chosen one, or a new runs/<local time>; raises ToolError."""
+    with writing_to(chosen or Path("runs")):
+        if chosen is not None:
+            chosen.mkdir(parents=True, exist_ok=True)
+            return chosen
+        now = datetime.now().astimezone().strftime("%Y-%m-%d_%H-%M-%S")
+        for suffix in itertools.chain([""], (f"_{number}" for number in itertools.count(2))):
+            folder = Path("runs") / f"{now}{suffix}"
+            with suppress(FileExistsError):  # another command began in the same second
+                folder.mkdir(parents=True)
+                return folder
+    raise AssertionError("unreachable: one of the names is free")
+
+
+def check_run_folder(chosen: Path | None) -> None:
+    """Raise the ToolError of `new_run_folder` before the work is done, where it can be foreseen; create nothing."""
+    folder = (chosen or Path("runs")).absolute()
     with writing_to(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
+        existing = next(path for path in (folder, *folder.parents) if path.exists())
+        if not existing.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, f"{existing} is not a folder")
+        if not os.access(existing, os.W_OK | os.X_OK, effective_ids=os.access in os.supports_effective_ids):
+            raise PermissionError(errno.EACCES, f"{existing} is not writable")
+
+
+def check_new_file(path: Path) -> None:
+    """Raise ToolError where a file cannot be put there because of its folder."""
+    with writing_to(path):
+        if not path.absolute().parent.is_dir():
+            raise NotADirectoryError(errno.ENOTDIR, f"{path.parent} is no folder")
+        if path.is_dir():
+            raise IsADirectoryError(errno.EISDIR, "it is a folder")
 
 
 @contextmanager
-def writing_to(folder: Path) -> Iterator[None]:
-    """Turn a failure to write there into a ToolError of one line."""
+def writing_to(place: Path) -> Iterator[None]:
+    """Turn a failure to write to a folder or file into a ToolError of one line."""
     try:
         yield
     except OSError as error:
-        raise ToolError(f"{folder}: cannot write results: {error.strerror or error}: name another with -o") from error
+        raise ToolError(f"{place}: cannot write results: {error.strerror or error}: name another place") from error
 
 
 def save_results(folder: Path, flow: MappingFlow, source: str, details: Mapping[str, object]) -> Report:

@@ -3,9 +3,12 @@ from __future__ import annotations
 import json
 import os
 import signal
+import subprocess
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
@@ -124,11 +127,19 @@ def without_rights():
     os.seteuid(user)
 
 
-def test_port_without_permission_names_the_group(cli, tmp_path, request):
+@pytest.fixture
+def everybodys_folder():
+    """A folder that nobody may write to as well; pytest's own belong to their user."""
+    with TemporaryDirectory() as name:
+        Path(name).chmod(0o777)
+        yield Path(name)
+
+
+def test_port_without_permission_names_the_group(cli, everybodys_folder, request):
     with PtyPort(SilentDevice(), 115200) as port:
         Path(port.name).chmod(0)
         request.getfixturevalue("without_rights")
-        outcome = cli("run", "--lidar", port.name, "-o", tmp_path / "out")
+        outcome = cli("run", "--lidar", port.name, "-o", everybodys_folder / "out")
     assert (outcome.code, len(outcome.error_lines)) == (4, 1)
     assert "dialout" in outcome.error_lines[0]
 
@@ -324,3 +335,45 @@ def test_wheels_alone_cannot_map_live(cli, tmp_path):
     config.write_text("odometry: {source: wheel}\n")
     outcome = cli("run", "--lidar", "nowhere", "--config", config)
     assert (outcome.code, len(outcome.error_lines)) == (2, 1)
+
+
+@pytest.mark.parametrize("command", [("run",), ("record",)])
+def test_where_results_cannot_go_is_told_before_the_lidar_is_touched(command, cli, tmp_path):
+    (tmp_path / "file").write_text("years of work")
+    outcome = cli(*command, "--lidar", tmp_path / "no-such-port", "-o", tmp_path / "file/below")
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert "cannot write results" in outcome.error_lines[0]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("replay",),
+        ("bench",),
+        ("bag", "info"),
+        ("bag", "check"),
+        ("evaluate", "plans"),
+        ("evaluate", "maps", "--data"),
+        ("emulate", "lidar", "--link"),
+        ("plan", "--start", "0", "0", "0", "--goal", "0", "0", "0"),
+        ("demo", "-o"),
+    ],
+)
+def test_a_name_too_long_for_the_disk_is_one_line(command, cli, tmp_path):
+    outcome = cli(*command, tmp_path / ("x" * 300 + ".yaml"))
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+
+
+@pytest.mark.parametrize("command", [("--version",), ("--help",), ("config", "show"), ("config", "schema")])
+def test_output_that_finds_no_room_is_one_line_and_exit_code_1(command, project_root):
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(
+            [sys.executable, "-m", "tools.cli", *command],
+            check=False,
+            cwd=project_root,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert ended.returncode == 1
+    assert ended.stderr == "mapfuse-robot: No space left on device: check where the output goes\n"

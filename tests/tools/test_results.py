@@ -3,14 +3,23 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 
 from drivers.messages import LaserScan
 from drivers.rplidar_decoder import DecoderCounters
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
 from tools.config import Config
+from tools.errors import ToolError
 from tools.pipeline import MappingFlow
-from tools.results import decoding_summary, grid_snapshot, new_run_folder, save_results
+from tools.results import (
+    check_new_file,
+    check_run_folder,
+    decoding_summary,
+    grid_snapshot,
+    new_run_folder,
+    save_results,
+)
 
 
 def flow_of_one_scan():
@@ -53,3 +62,25 @@ def test_default_folder_is_under_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert new_run_folder(None).parent.name == "runs"
     assert new_run_folder(tmp_path / "a" / "b").is_dir()
+
+
+def test_commands_that_begin_in_one_second_have_a_folder_each(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert len({new_run_folder(None) for _ in range(5)}) == 5
+
+
+def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path):
+    (tmp_path / "file").write_text("")
+    for bad in (tmp_path / "file", tmp_path / "file/below", tmp_path / ("x" * 300)):
+        with pytest.raises(ToolError, match="cannot write results"):
+            check_run_folder(bad)
+    check_run_folder(tmp_path / "a/b/c")
+    assert not (tmp_path / "a").exists()
+
+
+def test_a_file_without_a_folder_is_refused_before_the_work(tmp_path):
+    for bad in (tmp_path / "none/truth.tum", tmp_path):
+        with pytest.raises(ToolError, match="cannot write results"):
+            check_new_file(bad)
+    check_new_file(tmp_path / "truth.tum")
+    assert not (tmp_path / "truth.tum").exists()

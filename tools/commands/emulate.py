@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -58,12 +59,17 @@ def lidar(
     """
     from drivers.rplidar_models import MODELS
     from tools.emulation import Drive, serve_lidar, simulated_lidar
+    from tools.results import check_new_file
     from tools.signals import stop_on_signals
 
     if model not in MODELS:
         raise UsageError(f"--model {model}: unknown, choose one of {', '.join(MODELS)}")
     if pose is not None and trajectory is not None:
         raise UsageError("--pose and --trajectory exclude each other: give one")
+    if pose is not None and not all(math.isfinite(value) for value in pose):
+        raise UsageError(f"--pose {pose[0]:g} {pose[1]:g} {pose[2]:g}: expected finite x and y in m and yaw in rad")
+    if truth is not None:
+        check_new_file(truth)
     if world != "office" and pose is None and trajectory is None:
         raise UsageError(f"--world {world}: say where the car is in it, with --pose or --trajectory")
     drive = (

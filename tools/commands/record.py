@@ -23,9 +23,11 @@ def record(
     recording has gaps.
     """
     from tools.lidar_session import record_session, session_is_whole
+    from tools.results import check_new_file
     from tools.signals import stop_on_signals
 
     config = load_config(config_file)
+    check_new_file(output)
     with stop_on_signals() as stop:
         report, fault = record_session(lidar, config, output, stop)
     if as_json:

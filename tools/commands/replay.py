@@ -52,7 +52,9 @@ def replay(
     """
     from drivers.recording_reader import open_recording
     from tools.replay_run import recorded_config, replay_recording
+    from tools.results import check_run_folder
 
+    check_run_folder(output)
     with open_recording(recording) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
         config = config.with_resolution(resolution, cells_per_meter).with_odometry(odometry.value if odometry else None)

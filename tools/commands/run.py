@@ -38,10 +38,11 @@ def run(
     gaps.
     """
     from tools.lidar_session import run_session, session_is_whole
-    from tools.results import new_run_folder
+    from tools.results import check_run_folder, new_run_folder
     from tools.signals import stop_on_signals
 
     config = load_config(config_file, resolution, cells_per_meter)
+    check_run_folder(output)
     with stop_on_signals() as stop:
         report, fault = run_session(lidar, config, lambda: new_run_folder(output), stop, record=record)
     if as_json:
