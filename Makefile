@@ -32,7 +32,7 @@ setup: $(VENV)/setup-demo ## install what the program needs, with pictures
 
 setup-test: $(VENV)/setup-test ## install that and the tools of the checks
 
-demo: $(VENV)/setup-demo ## set up, then run the demonstration (DEMO_ARGS="-o DIR")
+demo: $(VENV)/setup-demo ## set up, then run the demonstration (DEMO_ARGS="--seed 3 -o DIR")
 	$(BIN)/mapfuse-robot demo $(DEMO_ARGS)
 
 test: $(VENV)/setup-test ## set up, then run every check and the tests (TEST_ARGS="-k grid")

@@ -157,8 +157,8 @@ def drive_live(
             for emulator, run in zip(emulators, runs, strict=True)
         ]
         say(f"     the cars drive for {max(seconds):.0f} s")
-        for emulator, run in zip(emulators, runs, strict=True):
-            emulator.event("arrived", max(seconds) + _PATIENCE_S, runs, stopped)
+        for number, (emulator, run) in enumerate(zip(emulators, runs, strict=True)):
+            emulator.event("arrived", max(seconds) + _PATIENCE_S, runs[number:], stopped)  # the others have ended
             run.interrupt()
             if run.wait(_PATIENCE_S, stopped) != 0:
                 raise ToolError(f"{run.name} failed with exit code {run.code}: see above")

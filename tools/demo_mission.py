@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
+import logging
 import shutil
 import time
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import typer
 from numpy.typing import NDArray
 
 from fusion.evaluation import alignment_error
@@ -24,6 +24,7 @@ from tools.exit_codes import ExitCode
 from tools.results import Report
 from tools.signals import stop_on_signals
 
+log = logging.getLogger(__name__)
 FloatArray = NDArray[np.float64]
 CARS = (DemoCar("A", "A2M8", "office-west", 0.04), DemoCar("B", "A2M12", "office-east", 0.05))
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
@@ -51,8 +52,8 @@ class MappedCar:
         return np.array(absolute_trajectory_error(self.trajectory, self.truth).T_truth_estimate)
 
 
-def run_demo(folder: Path, seed: int) -> ExitCode:
-    """Run the mission, print the table, write the picture and demo.json; PARTIAL where the maps were not fused.
+def run_demo(folder: Path, seed: int) -> Report | None:
+    """Run the mission, write the picture and demo.json, and return what that holds; None if the user ended it.
 
     Raises ToolError naming the part that failed.
     """
@@ -65,32 +66,38 @@ def run_demo(folder: Path, seed: int) -> ExitCode:
         try:
             report = _mission(folder, files, seed, stop.is_set)
         except KeyboardInterrupt:
-            return ExitCode.CUT_OFF
+            return None
     report["seconds"] = round(time.monotonic() - started, 1)
     (folder / _MARK).write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
-    _print_table(folder, report)
+    return report
+
+
+def exit_code_of(report: Report) -> ExitCode:
+    """Return OK, or PARTIAL where the maps were not fused; raises ToolError for a replay that differs or no path."""
     if not all(car["identical"] for car in report["cars"]):
-        raise ToolError(f"{folder}: a replay differs from its live run")
+        raise ToolError("a replay differs from its live run, though no scan was dropped: please report this")
     if not report["alignment"]["accepted"]:
         return ExitCode.PARTIAL
-    return ExitCode.OK if report["plan"]["solved"] else ExitCode.FAILED
+    if not report["plan"]["solved"]:
+        raise ToolError(f"no path from car A's start to car B's was found: {report['plan']['error']}")
+    return ExitCode.OK
 
 
 def _mission(folder: Path, files: list[CarFiles], seed: int, stopped: Stopped) -> Report:
-    _say("1/5  two emulated cars with RPLIDARs set out (simulated data)")
-    emitted = drive_live(list(zip(CARS, files, strict=True)), seed, stopped, _say)
-    _say("2/5  both recordings are replayed")
+    log.info("1/5  two emulated cars with RPLIDARs set out (simulated data)")
+    emitted = drive_live(list(zip(CARS, files, strict=True)), seed, stopped, log.info)
+    log.info("2/5  both recordings are replayed")
     for each in files:
         run_command(stopped, "-q", "replay", str(each.live / "recording.mcap"), "-o", str(each.replay))
-    _say("3/5  their maps are fused, without a hint where they are: mapfuse-robot fuse")
+    log.info("3/5  their maps are fused, without a hint where they are: mapfuse-robot fuse")
     maps = [str(each.live / "map.npz") for each in files]
     arguments = ["fuse", *maps, "-o", str(folder / "fused"), "--seed", str(seed)]
     run_command(stopped, *arguments, allowed=(ExitCode.OK, ExitCode.PARTIAL))
     fused: Report = json.loads((folder / "fused/report.json").read_text(encoding="utf-8"))
-    _say("4/5  a path from where car A started to where car B started: mapfuse-robot plan")
+    log.info("4/5  a path from where car A started to where car B started: mapfuse-robot plan")
+    planned = _plan(folder, files, fused, seed, stopped)
+    log.info("5/5  all is scored against the simulator's truth")
     mapped = [_read_car(car, each) for car, each in zip(CARS, files, strict=True)]
-    planned = _plan(folder, mapped, fused, seed, stopped)
-    _say("5/5  all is scored against the simulator's truth")
     report: Report = {
         "simulated": True,
         "seed": seed,
@@ -108,7 +115,7 @@ def _read_car(car: DemoCar, files: CarFiles) -> MappedCar:
     )
 
 
-def _plan(folder: Path, mapped: list[MappedCar], fused: Report, seed: int, stopped: Stopped) -> Report:
+def _plan(folder: Path, files: list[CarFiles], fused: Report, seed: int, stopped: Stopped) -> Report:
     """Plan on the first global map from car A's start to car B's; if they were not fused there is no such path."""
     a, b = fused["maps"]
     if a["group"] != b["group"]:
@@ -120,9 +127,10 @@ def _plan(folder: Path, mapped: list[MappedCar], fused: Report, seed: int, stopp
             "min_clearance_m": None,
             "path": [],
         }
+    first_poses = [read_tum(each.live / "trajectory.tum").poses[0] for each in files]
     ends = [
-        [str(value) for value in se2.compose(np.array(entry["T_global_map"]), each.trajectory.poses[0]).tolist()]
-        for entry, each in zip((a, b), mapped, strict=True)
+        [str(value) for value in se2.compose(np.array(entry["T_global_map"]), first).tolist()]
+        for entry, first in zip((a, b), first_poses, strict=True)
     ]
     command = ["plan", str(folder / "fused/global_0.npz"), "--start", *ends[0], "--goal", *ends[1]]
     options = ["--seed", str(seed), "-o", str(folder / "plan")]
@@ -194,7 +202,8 @@ def _draw(folder: Path, mapped: list[MappedCar], fused: Report, planned: Report,
     draw_mission(folder / "demo.png", picture)
 
 
-def _print_table(folder: Path, report: Report) -> None:
+def table(folder: Path, report: Report) -> str:
+    """Return the report as a table for people."""
     rows: list[tuple[str, str]] = []
     for car in report["cars"]:
         same = "identical" if car["identical"] else "DIFFERENT"
@@ -218,7 +227,7 @@ def _print_table(folder: Path, report: Report) -> None:
     rows.append(("path from A to B", path))
     rows += [("in all", f"{report['seconds']:.0f} s"), ("picture", str(folder / "demo.png"))]
     width = max(len(name) for name, _ in rows)
-    _say("\nSimulated data:\n" + "\n".join(f"  {name:<{width}}  {value}" for name, value in rows))
+    return "Simulated data:\n" + "\n".join(f"  {name:<{width}}  {value}".rstrip() for name, value in rows)
 
 
 def _same(files: CarFiles) -> bool:
@@ -238,7 +247,3 @@ def _clear(folder: Path) -> None:
         (folder / _MARK).write_text("{}\n", encoding="utf-8")
     except OSError as error:
         raise ToolError(f"{folder}: no folder for the results: {error.strerror or error}: choose another") from error
-
-
-def _say(text: str) -> None:
-    typer.echo(text, err=True)

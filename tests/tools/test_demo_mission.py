@@ -13,7 +13,7 @@ import pytest
 
 from tools import demo_cars
 from tools.demo_cars import CarFiles, DemoCar, drive_live, run_command
-from tools.demo_mission import run_demo
+from tools.demo_mission import exit_code_of, run_demo
 from tools.errors import ToolError
 
 CAR = DemoCar("A", "A2M8", "office-west", 0.05)
@@ -22,7 +22,7 @@ CAR = DemoCar("A", "A2M8", "office-west", 0.05)
 def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     folder = tmp_path / "demo"
     demo = spawn("demo", "-o", folder)
-    _, err = demo.process.communicate(timeout=300)
+    out, err = demo.process.communicate(timeout=300)
     assert demo.process.returncode == 0, err
     result = json.loads((folder / "demo.json").read_text())
     assert result["simulated"] is True
@@ -36,7 +36,9 @@ def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     assert result["alignment"]["frames_apart_deg"] > 30.0
     assert result["plan"]["solved"] is True
     assert cv2.imread(str(folder / "demo.png")).shape[0] > 500
-    assert "Simulated data" in err
+    assert out.startswith("Simulated data")  # the result is on stdout, the progress is not
+    assert "cm" in out
+    assert "1/5" in err
 
 
 def test_demo_does_not_empty_a_folder_that_is_not_its_own(tmp_path):
@@ -50,7 +52,12 @@ def test_demo_does_not_empty_a_folder_that_is_not_its_own(tmp_path):
 
 def children() -> set[int]:
     """The processes that this one started and that still run."""
-    listed = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
+    return children_of(os.getpid())
+
+
+def children_of(process: int) -> set[int]:
+    """The processes that a process started and that still run."""
+    listed = Path(f"/proc/{process}/task/{process}/children").read_text().split()
     return {int(number) for number in listed}
 
 
@@ -62,6 +69,56 @@ def test_a_run_that_dies_before_departure_ends_the_demo_with_its_name(tmp_path, 
     with pytest.raises(ToolError, match="car A: run ended with exit code 9 before 'departed'"):
         drive_live([(CAR, CarFiles(tmp_path))], 0, lambda: False, lambda _text: None)
     assert children() == before
+
+
+# A program in place of this one: cars whose drives take no time, and runs that end on Ctrl-C.
+STAND_IN = """
+import json, signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: stop())
+def stop():
+    if "emulate" in sys.argv: say(event="stopped", samples_emitted=7)
+    sys.exit(0)
+def say(**event): print(json.dumps(event), flush=True)
+if "emulate" in sys.argv:
+    say(event="ready")
+    say(event="departed", seconds=0.1)
+    time.sleep(float(sys.argv[sys.argv.index("--drive") + 1]))
+    say(event="arrived")
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("drives_s", [("0.1", "1.0"), ("1.0", "0.1")])
+def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo_cars, "_ENTRY", STAND_IN)
+    before = children()
+    cars = [
+        (DemoCar(name, "A2M8", drive, 0.05), CarFiles(tmp_path)) for name, drive in zip("AB", drives_s, strict=True)
+    ]
+    assert drive_live(cars, 0, lambda: False, lambda _text: None) == [7, 7]
+    assert children() == before
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [({}, 0), ({"alignment": {"accepted": False}, "plan": {"solved": False, "error": "NOT_FUSED"}}, 3)],
+)
+def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
+    whole = {"cars": [{"identical": True}], "alignment": {"accepted": True}, "plan": {"solved": True, "error": None}}
+    assert exit_code_of(whole | changed) == expected
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"cars": [{"identical": False}]}, "replay differs"),
+        ({"plan": {"solved": False, "error": "TIMEOUT"}}, "TIMEOUT"),
+    ],
+)
+def test_a_demo_that_failed_says_why(changed, words):
+    whole = {"cars": [{"identical": True}], "alignment": {"accepted": True}, "plan": {"solved": True, "error": None}}
+    with pytest.raises(ToolError, match=words):
+        exit_code_of(whole | changed)
 
 
 def test_stopping_ends_all_processes(tmp_path):
@@ -76,8 +133,11 @@ def test_sigterm_ends_the_demo_as_cut_off(spawn, tmp_path):
     while not (tmp_path / "demo/car_a/lidar").exists():
         assert demo.process.poll() is None
         time.sleep(0.05)
+    started = children_of(demo.process.pid)
+    assert started
     ended = demo.end(signal.SIGTERM)
     assert ended.code == 130
+    assert not [number for number in started if Path(f"/proc/{number}").exists()]
 
 
 def test_children_are_found_where_a_folder_called_tools_is_in_the_way(tmp_path, monkeypatch):
