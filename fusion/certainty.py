@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.identity import reference_rank, same_evidence
-from fusion.resampling import known_corners, raster_around, resample
+from fusion.resampling import cut_to_known, known_corners, raster_around, resample
 from mapping import se2
 from mapping.grid import LOG_ODDS_CLAMP, LogOdds, OccupancyGrid
 
@@ -49,6 +49,6 @@ def fuse_pair(a: OccupancyGrid, b: OccupancyGrid, T_a_b: FloatArray) -> FusedMap
     cells = resample(first, se2.IDENTITY, raster)
     if not once:
         cells = fuse_log_odds(cells, resample(second, T_first_second, raster))
-    grid = OccupancyGrid(cells, raster.resolution_m, raster.origin)
+    grid = cut_to_known(OccupancyGrid(cells, raster.resolution_m, raster.origin))
     T_global_a, T_global_b = (T_first_second, se2.IDENTITY) if swapped else (se2.IDENTITY, T_first_second)
     return FusedMap(grid, T_global_a, T_global_b, once)

@@ -43,6 +43,16 @@ def known_corners(grid: OccupancyGrid) -> FloatArray:
     return se2.transform_points(grid.origin, corners * grid.resolution_m)
 
 
+def cut_to_known(grid: OccupancyGrid) -> OccupancyGrid:
+    """Return the grid without its rim of unknown cells; as it is where nothing is known."""
+    rows, cols = np.nonzero(grid.known)
+    if len(rows) == 0:
+        return grid
+    cells = grid.log_odds[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
+    corner = np.array([cols.min() * grid.resolution_m, rows.min() * grid.resolution_m, 0.0])
+    return OccupancyGrid(cells, grid.resolution_m, se2.compose(grid.origin, corner))
+
+
 def raster_around(points: FloatArray, resolution_m: float) -> Raster:
     """Return the raster, upright and on whole cells of its frame, that covers points (N, 2) with N >= 1."""
     low = np.floor(points.min(axis=0) / resolution_m + 1e-6)
