@@ -33,13 +33,19 @@ def evaluate_plans(
     try:
         problems = json.loads(problems_file.read_text(encoding="utf-8"))
         cases = [
-            (name, np.array(p["start"]), np.array(p["goal"]), float(p["ref"]))
-            for name in problems
-            for p in problems[name]
+            (name, _finite(p["start"], 3), _finite(p["goal"], 3), float(_finite([p["ref"]], 1)[0]))
+            for name, listed in problems.items()
+            for p in listed
         ]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ToolError(f"{problems_file}: not a file of planning problems: {error}") from error
-    grids = {name: read_map(problems_file.with_name(f"{name}.yaml")) for name in problems}
+        if not problems or not all(problems.values()):
+            raise ValueError("a map without problems, or no map")
+        files = {name: problems_file.with_name(f"{name}.yaml") for name in problems}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ToolError(
+            f"{problems_file}: not a file of planning problems ({error!r}): expected "
+            "{map: [{start: [x, y, yaw], goal: [x, y, yaw], ref: m}, ...]}"
+        ) from error
+    grids = {name: read_map(file) for name, file in files.items()}
     for grid in grids.values():  # compile before the clock runs
         timed_plan(grid, np.zeros(3), np.zeros(3), vehicle, settings, seed)
     rows = []
@@ -54,6 +60,14 @@ def evaluate_plans(
         rows.append(row)
         on_progress(f"{name} {number}: {'solved' if row['solved'] else row['error']} in {seconds:.2f} s")
     return {"planner": settings.planner.value, "maps": {name: _summary(rows, name) for name in problems}, "rows": rows}
+
+
+def _finite(values: object, count: int) -> FloatArray:
+    """Return so many numbers; raises ValueError and TypeError for anything else."""
+    numbers = np.array(values, dtype=np.float64)
+    if numbers.shape != (count,) or not np.isfinite(numbers).all():
+        raise ValueError(f"{values} where {count} finite number{'s' if count > 1 else ''} should be")
+    return numbers
 
 
 def colliding_poses(grid: OccupancyGrid, poses: FloatArray, vehicle: Vehicle) -> int:

@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, RegistrationPreset, Seed, print_json
+from tools.commands.options import Json, PresetName, RegistrationPreset, Seed, print_json
 from tools.exit_codes import ExitCode
 
 
 def align(
     a: Annotated[Path, typer.Argument(metavar="A", help="The map whose frame the answer is in: .yaml or .npz.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="The map to place in it.")],
-    preset: RegistrationPreset = RegistrationPreset.default,
+    preset: RegistrationPreset = PresetName.default,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

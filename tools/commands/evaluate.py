@@ -23,7 +23,7 @@ def slam(
     relations: Annotated[Path, typer.Argument(metavar="RELATIONS", help="True relative poses of the same log.")],
     as_json: Json = False,
 ) -> None:
-    """Relation errors of a trajectory (Kuemmerle et al. 2009): how well it keeps true relative poses between scans.
+    """Score a trajectory by true relative poses between scans, the relations metric (Kuemmerle et al. 2009).
 
     RELATIONS has one pair a line: stamp1 stamp2 dx dy dz roll pitch yaw. Exit code 3: some of its stamps are not in the
     trajectory, and the others are scored.

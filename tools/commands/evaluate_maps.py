@@ -8,8 +8,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, RegistrationPreset, Seed, print_json
-from tools.exit_codes import ExitCode
+from tools.commands.options import Json, PresetName, RegistrationPreset, Seed, print_json
+from tools.errors import ToolError
 
 log = logging.getLogger(__name__)
 
@@ -18,7 +18,7 @@ def maps(
     data: Annotated[Path, typer.Option(metavar="DIR", envvar="MAPFUSE_DATA", help="Folder of the data sets.")] = Path(
         "../shared/data"
     ),
-    preset: RegistrationPreset = RegistrationPreset.default,
+    preset: RegistrationPreset = PresetName.default,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -43,4 +43,6 @@ def maps(
             f" {same['wrong']} wrong"
         )
         typer.echo(f"different places: {different['accepted']} of {different['pairs']} accepted")
-    raise typer.Exit(ExitCode.FAILED if same["wrong"] or different["accepted"] else ExitCode.OK)
+    wrong = same["wrong"] + different["accepted"]
+    if wrong:
+        raise ToolError(f"{wrong} wrong poses were accepted: see the rows marked WRONG")

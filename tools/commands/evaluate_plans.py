@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, Seed, print_json
+from tools.commands.options import Json, Seed, TimeLimit, TurningRadius, print_json
+from tools.errors import ToolError
 from tools.exit_codes import ExitCode
 
 log = logging.getLogger(__name__)
@@ -18,10 +19,8 @@ def plans(
     problems: Annotated[
         Path, typer.Argument(metavar="PROBLEMS.json", help="{map: [{start, goal, ref}]}, with <map>.yaml beside it.")
     ],
-    radius: Annotated[
-        float, typer.Option(metavar="M", min=0.2, max=100.0, help="Turning radius of the rear axle.")
-    ] = 0.55,
-    time_limit: Annotated[float, typer.Option(metavar="S", min=0.0, help="The longest search for one path.")] = 10.0,
+    radius: TurningRadius = 0.55,
+    time_limit: TimeLimit = 10.0,
     unknown_free: Annotated[bool, typer.Option("--unknown-free", help="Let paths cross unseen space.")] = False,
     seed: Seed = 0,
     as_json: Json = False,
@@ -52,7 +51,8 @@ def plans(
                 f"  {row['seconds_median']:8.3f}  {row['seconds_p95']:6.3f}"
                 f"  {row['length_over_ref_median']}, {row['length_over_ref_p95']}"
             )
-    if any(row["colliding_paths"] for _, _, row in maps):
-        raise typer.Exit(ExitCode.FAILED)
+    colliding = sum(row["colliding_paths"] for _, _, row in maps)
+    if colliding:
+        raise ToolError(f"{colliding} of the paths collide: see 'colliding'")
     solved = all(row["solved"] == row["problems"] for _, _, row in maps)
     raise typer.Exit(ExitCode.OK if solved else ExitCode.PARTIAL)

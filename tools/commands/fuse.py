@@ -7,14 +7,14 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, OutputFolder, RegistrationPreset, Seed, print_json
+from tools.commands.options import Json, OutputFolder, PresetName, RegistrationPreset, Seed, print_json
 from tools.exit_codes import ExitCode
 
 
 def fuse(
     maps: Annotated[list[Path], typer.Argument(metavar="A B", help="Two maps: .yaml or .npz, any resolutions.")],
     output: OutputFolder = None,
-    preset: RegistrationPreset = RegistrationPreset.default,
+    preset: RegistrationPreset = PresetName.default,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:

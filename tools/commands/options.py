@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Mapping
 from enum import Enum
@@ -27,11 +28,33 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the random samples; same seed, same result.")]
 
 
-class RegistrationPreset(str, Enum):
+def finite(value: float) -> float:
+    """Refuse nan and inf, which pass every limit of an option or undo it."""
+    if not math.isfinite(value):
+        raise typer.BadParameter(f"{value} is not a finite number")
+    return value
+
+
+TurningRadius = Annotated[
+    float,
+    typer.Option("--radius", metavar="M", min=0.2, max=100.0, callback=finite, help="Turning radius of the rear axle."),
+]
+TimeLimit = Annotated[
+    float, typer.Option("--time-limit", metavar="S", min=0.0, callback=finite, help="The longest search for one path.")
+]
+
+
+class PresetName(str, Enum):
     """Named settings of the registration, see fusion.registration.PRESETS."""
 
     default = "default"
     thesis = "thesis"
+
+
+RegistrationPreset = Annotated[
+    PresetName,
+    typer.Option("--preset", help="Settings of the registration: these, or the thesis's own; see docs/fusion.md."),
+]
 
 
 def load_config(path: Path | None, resolution_m: float | None = None, cells_per_meter: float | None = None) -> Config:

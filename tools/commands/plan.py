@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, Seed, print_json
+from tools.commands.options import Json, Seed, TimeLimit, TurningRadius, finite, print_json
 from tools.exit_codes import ExitCode
 
 
@@ -35,16 +35,14 @@ def plan(
     ],
     goal: Annotated[tuple[float, float, float], typer.Option(metavar="X Y YAW", help="Where it is to stand.")],
     planner: Annotated[PlannerName, typer.Option(help="OMPL planner.")] = PlannerName.rrt_connect,
-    radius: Annotated[
-        float, typer.Option(metavar="M", min=0.2, max=100.0, help="Turning radius of the rear axle.")
-    ] = 0.55,
+    radius: TurningRadius = 0.55,
     margin: Annotated[
-        float, typer.Option(metavar="M", min=0.0, max=10.0, help="Room to keep around the car's body.")
+        float, typer.Option(metavar="M", min=0.0, max=10.0, callback=finite, help="Room to keep around the car's body.")
     ] = 0.01,
     unknown: Annotated[
         UnknownPolicy, typer.Option(help="Keep off unseen space (specks smaller than the car excepted), or not.")
     ] = UnknownPolicy.forbidden,
-    time_limit: Annotated[float, typer.Option(metavar="S", min=0.0, help="The longest search.")] = 10.0,
+    time_limit: TimeLimit = 10.0,
     seed: Seed = 0,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="DIR", help="Also leave plan.json and plan.png here.")
