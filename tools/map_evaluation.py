@@ -21,7 +21,7 @@ def evaluate_maps(data: Path, preset: str, seed: int, on_progress: Callable[[str
     for pair in map_pairs(data, seed):
         started = time.perf_counter()
         alignment = register(pair.a, pair.b, PRESETS[preset], seed)
-        row = _row(pair, alignment) | {"seconds": round(time.perf_counter() - started, 3)}
+        row = judged(pair, alignment) | {"seconds": round(time.perf_counter() - started, 3)}
         rows.append(row)
         on_progress(f"{row['pair']}: {row['verdict']} ({row['reason']})")
     same = [row for row in rows if row["same_place"]]
@@ -43,8 +43,8 @@ def evaluate_maps(data: Path, preset: str, seed: int, on_progress: Callable[[str
     }
 
 
-def _row(pair: MapPair, alignment: Alignment) -> Report:
-    """Return the verdict on one pair."""
+def judged(pair: MapPair, alignment: Alignment) -> Report:
+    """Return the row of one pair: errors, and the verdict right, refused or WRONG."""
     row: Report = {"pair": pair.name, "same_place": pair.truth is not None, "accepted": alignment.accepted}
     row |= {"rms_m": None, "rotation_deg": None, "precise": False, "reason": alignment.reason}
     right = False
