@@ -145,7 +145,7 @@ class Mapper:
 
     def _map_scan(self, scan: LaserScan) -> list[MappedScan]:
         """Predict, de-skew, match, learn, draw."""
-        if not scan.complete and _seen_sectors(scan) < _LEAST_SECTORS:
+        if not scan.complete and (self._waits_for_a_whole_turn() or _seen_sectors(scan) < _LEAST_SECTORS):
             self.counters.skipped_partial += 1
             return []
         reference_s = reference_offset_s(scan.offsets_s)
@@ -170,6 +170,13 @@ class Mapper:
             match = self._odometry.match(points, match.pose)
         self._finish_scan(stamp_ns, match, points, from_wheels=from_wheels)
         return [MappedScan(stamp_ns, match, from_wheels)]
+
+    def _waits_for_a_whole_turn(self) -> bool:
+        """Whether to begin with the next scan: the first is the map's frame, and a lidar's first turn begins anywhere.
+
+        A lidar that gives no whole turns is mapped all the same.
+        """
+        return not self._stamps and self.counters.skipped_partial == 0
 
     def _is_out_of_order(self, stamp_ns: int) -> bool:
         """Whether a scan is older than the last pose; after a few of them it was that pose's stamp that was wrong."""

@@ -191,7 +191,14 @@ def test_partial_scans_are_counted_and_left_out(winding) -> None:
 
 def test_turns_with_a_gap_are_mapped(winding) -> None:
     mapper, _ = map_messages([part_of(scan, 0.6) for scan in winding.scans[:30]])
-    assert (mapper.counters.mapped, mapper.counters.skipped_partial) == (30, 0)
+    assert (mapper.counters.mapped, mapper.counters.skipped_partial) == (29, 1)
+
+
+def test_the_map_begins_with_a_whole_turn(winding) -> None:
+    whole, _ = map_messages(winding.scans[1:20])
+    begun, _ = map_messages([part_of(winding.scans[0], 0.6), *winding.scans[1:20]])
+    np.testing.assert_array_equal(begun.trajectory.poses, whole.trajectory.poses)
+    assert begun.counters.skipped_partial == 1
 
 
 def part_of(scan: LaserScan, share: float) -> LaserScan:
