@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import queue
+import shlex
 import signal
 import subprocess
 import sys
@@ -27,12 +28,16 @@ Stopped = Callable[[], bool]
 
 @dataclass(frozen=True, slots=True)
 class DemoCar:
-    """One car of the demo: name, emulated lidar, drive (see `emulate lidar --drive`), cell size of its map."""
+    """One car of the demo: name, emulated lidar, drive (see `emulate lidar --drive`), cell size of its map.
+
+    motor_pwm sets how fast its lidar turns: 660 is 10 turns a second.
+    """
 
     name: str
     model: str
     drive: str
     resolution_m: float
+    motor_pwm: int = 660
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +45,11 @@ class CarFiles:
     """Where a car keeps what it makes; nothing but the scorer reads the truth."""
 
     folder: Path
+
+    @property
+    def config(self) -> Path:
+        """The car's own settings."""
+        return self.folder / "config.yaml"
 
     @property
     def live(self) -> Path:
@@ -149,9 +159,11 @@ def drive_live(
             emulators.append(start(f"car {car.name}: emulate lidar", ["emulate", "lidar", *arguments, *ends]))
         for emulator, (car, files) in zip(emulators, cars, strict=True):
             emulator.event("ready", _PATIENCE_S, (), stopped)
-            port, options = str(files.folder / "lidar"), ["--resolution", str(car.resolution_m), "-o", str(files.live)]
-            say(f"     car {car.name}: mapfuse-robot run --lidar {port} {' '.join(options[:2])}")
-            runs.append(start(f"car {car.name}: run", ["-q", "run", "--lidar", port, *options]))
+            files.config.write_text(f"lidar: {{motor_pwm: {car.motor_pwm}}}\n", encoding="utf-8")
+            options = ["--lidar", str(files.folder / "lidar"), "--config", str(files.config)]
+            options += ["--resolution", str(car.resolution_m), "-o", str(files.live)]
+            say(f"     car {car.name}: mapfuse-robot run {shlex.join(options)}")
+            runs.append(start(f"car {car.name}: run", ["-q", "run", *options]))
         seconds = [
             float(str(emulator.event("departed", _PATIENCE_S, (run,), stopped)["seconds"]))
             for emulator, run in zip(emulators, runs, strict=True)

@@ -26,7 +26,7 @@ from tools.signals import stop_on_signals
 
 log = logging.getLogger(__name__)
 FloatArray = NDArray[np.float64]
-CARS = (DemoCar("A", "A2M8", "office-west", 0.04), DemoCar("B", "A2M12", "office-east", 0.05))
+CARS = (DemoCar("A", "A2M8", "office-west", 0.04), DemoCar("B", "A2M12", "office-east", 0.05, motor_pwm=792))
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
 
 
@@ -151,6 +151,7 @@ def _score_car(mapped: MappedCar, files: CarFiles, emitted: int) -> Report:
         "driven_s": round(span_s, 1),
         "decoded": report["decoder"]["samples"],
         "emitted": emitted,
+        "scans_hz": round((report["trajectory"]["poses"] - 1) / report["trajectory"]["duration_s"], 1),
         "mapped_scans": report["scans"]["mapped"],
         "dropped_scans": report["dropped_scans"],
         "rms_m": round(error.rms_m, 4),
@@ -208,8 +209,9 @@ def table(folder: Path, report: Report) -> str:
     for car in report["cars"]:
         same = "identical" if car["identical"] else "DIFFERENT"
         scans = f"{car['mapped_scans']} scans mapped, {car['dropped_scans']} dropped"
+        pace = f"{car['scans_hz']:.0f} turns a second"
         rows += [
-            (f"car {car['name']}", f"{car['model']}, map of {car['resolution_m']:g} m cells"),
+            (f"car {car['name']}", f"{car['model']}, {pace}, map of {car['resolution_m']:g} m cells"),
             ("", f"{car['driven_m']:.1f} m in {car['driven_s']:.0f} s, {scans}"),
             ("", f"{car['decoded']} of {car['emitted']} points decoded ({car['decoded'] / car['emitted']:.2%})"),
             ("", f"trajectory error {car['rms_m'] * 100:.1f} cm rms, replay and live run {same}"),

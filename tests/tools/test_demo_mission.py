@@ -30,6 +30,9 @@ def test_demo_maps_fuses_and_plans(spawn, tmp_path):
         assert car["identical"] is True
         assert car["decoded"] == pytest.approx(car["emitted"], rel=0.01)
         assert car["rms_m"] < 0.05
+    first, second = result["cars"]
+    assert first["resolution_m"] != second["resolution_m"]
+    assert second["scans_hz"] > first["scans_hz"] + 1.0
     assert result["alignment"]["accepted"] is True
     assert result["alignment"]["rms_m"] < 0.15
     assert result["alignment"]["frames_apart_m"] > 5.0
