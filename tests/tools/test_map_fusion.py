@@ -112,6 +112,15 @@ def test_a_map_without_free_cells_is_refused_not_fatal(cli, two_maps, tmp_path, 
     assert groups == ([0, None] if value == 0.0 else [0, 1])
 
 
+def test_two_maps_of_nothing_leave_no_global_map(cli, tmp_path):
+    for name in ("a", "b"):
+        write_map(tmp_path / name, OccupancyGrid(np.zeros((9, 9), np.float32), 0.05, np.zeros(3)))
+    outcome = cli("fuse", tmp_path / "a.yaml", tmp_path / "b.yaml", "-o", tmp_path / "out")
+    assert outcome.code == 3
+    assert "no global maps" in outcome.out
+    assert not list((tmp_path / "out").glob("global_*"))
+
+
 def test_maps_of_one_cell_are_refused(cli, tmp_path):
     for name in ("a", "b"):
         write_map(tmp_path / name, OccupancyGrid(np.full((1, 1), -3.0, np.float32), 0.05, np.zeros(3)))

@@ -35,6 +35,7 @@ def fuse(
         for entry in report["maps"]:
             where = "skipped" if entry["group"] is None else f"in global_{entry['group']}"
             typer.echo(f"  {entry['file']}: {where}")
-        typer.echo(f"{folder}: report.json and the global maps")
+        count = len({entry["group"] for entry in report["maps"]} - {None})
+        typer.echo(f"{folder}: report.json and {count or 'no'} global map{'' if count == 1 else 's'}")
     groups = {entry["group"] for entry in report["maps"]}
     raise typer.Exit(ExitCode.OK if groups == {0} else ExitCode.PARTIAL)
