@@ -81,7 +81,8 @@ def test_sigterm_ends_a_recording_cleanly(spawn, cli, tmp_path):
     emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
     port = str(emulator.event("ready")["address"])
     recorder = spawn("record", "--lidar", port, "-o", tmp_path / "r.mcap")
-    time.sleep(3.0)
+    emulator.event("departed")  # a second after the first sample, however long the start took
+    time.sleep(2.0)
     ended = recorder.end(signal.SIGTERM)
     assert ended.code == 0, ended.err
     info = cli("bag", "info", tmp_path / "r.mcap", "--json")
