@@ -1,47 +1,51 @@
 """CARMEN logs: the text format of the classic laser data sets (Radish), as a recording.
 
-A line is one message: name, content, IPC time stamp, host, logger time stamp. Read are FLASER (a front laser: number of
-readings, readings in m, laser pose, robot odometry) and ODOM; the rest is counted. Source: the format comment at the
-head of the logs themselves.
+Read are ODOM and the lines of the front laser: ROBOTLASER1, FLASER or RAWLASER1 (see carmen_lines); the rest, rear
+lasers among it, is counted.
 """
 
 from __future__ import annotations
 
-import bz2
-import gzip
 import heapq
-import io
 import math
-import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
+from numpy.typing import NDArray
 from typing_extensions import Self
 
+from drivers.carmen_lines import (
+    LASER_FRAME,
+    SCAN_NAMES,
+    StatedLaser,
+    count_readings,
+    new_histogram,
+    no_return_limit,
+    parse_laser,
+    parse_odometry,
+    parse_parameters,
+)
 from drivers.errors import RecordingError
 from drivers.messages import FloatArray, LaserScan, Message, Odometry, Transform
 from drivers.recording_storage import TopicInfo
+from drivers.text_log import TextLog, first_lines
 
-FIELD_OF_VIEW_RAD = math.pi  # of the SICK scanners that these logs were made with
-NO_RETURN_M = 81.0  # and more: SICK's "no return"
-RANGE_MAX_M = 80.0
-LASER_FRAME, BASE_FRAME = "laser", "base_link"
-SCAN_TOPIC, ODOMETRY_TOPIC = "FLASER", "ODOM"
+BASE_FRAME = "base_link"
+ODOMETRY_TOPIC = "ODOM"
 _KNOWN = (b"FLASER", b"ODOM", b"PARAM", b"SYNC", b"RLASER", b"ROBOTLASER", b"RAWLASER", b"TRUEPOS")
-_HEAD_BYTES = 65536
 _SORT_WINDOW = 1000
-_TYPES = {SCAN_TOPIC: "CARMEN FLASER", ODOMETRY_TOPIC: "CARMEN ODOM"}
-_DAMAGE = (EOFError, OSError, zlib.error, gzip.BadGzipFile)
+_TYPES = {name: f"CARMEN {name}" for name in (*SCAN_NAMES, ODOMETRY_TOPIC)}
 
 
 class CarmenLog:
     """An open log, plain or compressed (.gz, .bz2); a MessageSource with a table of contents, see Recording.
 
-    The laser's pose on the robot is the median
-    difference of the two poses that a FLASER line carries. Raises RecordingError if there is no FLASER or ODOM line.
+    Where several kinds of lines hold scans, the first of SCAN_NAMES that has at least half as many as any other is
+    taken. The laser's pose on the robot is the median difference of the two poses that a scan's line carries. Robot
+    poses that never change are no odometry. Raises RecordingError if there are neither scans nor ODOM lines.
     """
 
     has_raw = False
@@ -49,34 +53,52 @@ class CarmenLog:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.metadata: dict[str, dict[str, str]] = {}
-        self.problems: list[str] = []
-        self.truncated = False
-        counts, stamps, mounts = self._survey()
-        if not counts[SCAN_TOPIC] and not counts[ODOMETRY_TOPIC]:
-            raise RecordingError(f"{path}: a CARMEN log without FLASER and ODOM lines: nothing to map")
-        self.start_ns, self.end_ns = min(stamps), max(stamps)
-        self.scan_topic = SCAN_TOPIC if counts[SCAN_TOPIC] else None
-        self.odometry_topic = ODOMETRY_TOPIC if counts[ODOMETRY_TOPIC] else self.scan_topic
+        self._text = TextLog(path)
+        survey = _Survey(self._text)
+        counts = survey.counts
+        if not survey.stamps:
+            raise RecordingError(f"{path}: a CARMEN log without one whole line of {', '.join(_TYPES)}: nothing to map")
+        self._broken = [f"{count} {name} lines do not parse" for name, count in survey.broken.items()]
+        self._survey = survey
+        self.start_ns, self.end_ns = survey.stamps
+        most = max(counts[name] for name in SCAN_NAMES)
+        self.scan_topic = next((name for name in SCAN_NAMES if most and 2 * counts[name] >= most), None)
+        scans_have_odometry = self.scan_topic is not None and survey.moves(self.scan_topic)
+        self.odometry_topic = ODOMETRY_TOPIC if counts[ODOMETRY_TOPIC] else None
+        if self.odometry_topic is None and scans_have_odometry:
+            self.odometry_topic = self.scan_topic
         self.topics = [
             TopicInfo(name, _TYPES.get(name, f"CARMEN {name}"), count, decoded=name in _TYPES)
             for name, count in sorted(counts.items())
         ]
         self.skipped = {topic.type: topic.count for topic in self.topics if not topic.decoded}
-        self._mount = np.median(np.array(mounts), axis=0) if mounts else np.zeros(3)
+
+    @property
+    def truncated(self) -> bool:
+        """True if the file is cut off or damaged."""
+        return bool(self._text.damage)
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the log, one line each."""
+        return self._broken + ([self._text.damage] if self._text.damage else [])
 
     def messages(self, scan_topic: str | None = None) -> Iterator[Message]:
         """Yield the laser's static transform, then scans and odometry in the order of their stamps.
 
-        Each scan comes with the robot's odometry at its own stamp. Stamps that step back in the file, as loggers make
-        them, are sorted within _SORT_WINDOW messages.
+        Each scan comes with the robot's odometry at its own stamp, if its line tells that. Stamps that step back in the
+        file, as loggers make them, are sorted within _SORT_WINDOW messages.
         """
-        if scan_topic not in (None, SCAN_TOPIC):
-            raise RecordingError(f"{self.path}: no scans called {scan_topic!r} in a CARMEN log; it has {SCAN_TOPIC}")
-        x, y, yaw = self._mount.tolist()
+        held = [topic.name for topic in self.topics if topic.name in SCAN_NAMES]
+        if scan_topic is not None and scan_topic not in held:
+            known = ", ".join(held) or "none"
+            raise RecordingError(f"{self.path}: no scans called {scan_topic!r} in this CARMEN log; it has {known}")
+        chosen = scan_topic or self.scan_topic
+        x, y, yaw = self._survey.mount(chosen).tolist()
         quaternion = np.array([0.0, 0.0, math.sin(yaw / 2.0), math.cos(yaw / 2.0)])
         yield Transform(self.start_ns, BASE_FRAME, LASER_FRAME, np.array([x, y, 0.0]), quaternion, static=True)
         window: list[tuple[int, int, Message]] = []
-        for number, message in enumerate(self._in_file_order()):
+        for number, message in enumerate(self._in_file_order(chosen)):
             heapq.heappush(window, (message.stamp_ns, number, message))
             if len(window) > _SORT_WINDOW:
                 yield heapq.heappop(window)[2]
@@ -97,129 +119,90 @@ class CarmenLog:
     ) -> None:
         self.close()
 
-    def _in_file_order(self) -> Iterator[Message]:
+    def _in_file_order(self, scan_name: str | None) -> Iterator[LaserScan | Odometry]:
         """Yield what the lines say, as they come."""
-        for line in self._lines():
-            name, _, rest = line.strip().partition(b" ")
-            fields = rest.split()
+        limit = no_return_limit(self._survey.readings(scan_name))
+        stated = self._survey.stated
+        with_odometry = scan_name is not None and self._survey.moves(scan_name)
+        for name, fields in _split(self._text):
             try:
-                if name == b"FLASER":
-                    scan = _parse_scan(fields)
-                    yield Odometry(scan.stamp_ns, np.array(fields[-6:-3], dtype=np.float64), np.zeros(3))
-                    yield scan
-                elif name == b"ODOM":
-                    yield _parse_odometry(fields)
+                if name == scan_name:
+                    line = parse_laser(name, fields)
+                    own = line.odometry()
+                    if own is not None and with_odometry:
+                        yield own
+                    yield line.scan(limit, stated)
+                elif name == ODOMETRY_TOPIC:
+                    yield parse_odometry(fields)
             except ValueError:
                 continue  # counted by the survey
 
-    def _survey(self) -> tuple[Counter[str], list[int], list[FloatArray]]:
-        """Read everything once; return counts by name, the extreme stamps, and the laser poses on the robot."""
-        counts: Counter[str] = Counter()
-        broken: Counter[str] = Counter()
-        stamps: list[int] = []
-        mounts: list[FloatArray] = []
-        for line in self._lines():
-            name, _, rest = line.strip().partition(b" ")
-            if not name or name.startswith(b"#"):
-                continue
-            fields = rest.split()
-            try:
-                if name == b"FLASER":
-                    _parse_scan(fields)
-                    mounts.append(_laser_on_robot(fields))
-                elif name == b"ODOM":
-                    _parse_odometry(fields)
-            except ValueError:
-                broken[name.decode("ascii", "replace")] += 1
-                continue
-            counts[name.decode("ascii", "replace")] += 1
-            if name in (b"FLASER", b"ODOM"):
-                stamp = parse_stamp_ns(fields[-3])
-                stamps = [stamp] if not stamps else [min(stamps[0], stamp), max(stamps[-1], stamp)]
-        self.problems += [f"{count} {name} lines do not parse" for name, count in broken.items()]
-        return counts, stamps, mounts
 
-    def _lines(self) -> Iterator[bytes]:
-        """Yield the lines up to the end of the file or of what can be uncompressed."""
-        with _open(self.path) as stream:
+class _Survey:
+    """What one reading of the whole log tells: counts by name, extreme stamps, laser poses, readings, parameters."""
+
+    def __init__(self, text: TextLog) -> None:
+        self.counts: Counter[str] = Counter()
+        self.broken: Counter[str] = Counter()
+        self.stamps: tuple[int, int] | None = None
+        self._mounts: dict[str, list[FloatArray]] = {name: [] for name in SCAN_NAMES}
+        self._robots: dict[str, tuple[FloatArray, bool]] = {}  # first robot pose, and whether it ever changed
+        self._readings = {name: new_histogram() for name in SCAN_NAMES}
+        parameters: dict[str, str] = {}
+        for name, fields in _split(text):
             try:
-                yield from stream
-            except _DAMAGE as error:
-                self.truncated = True
-                text = f"cut or damaged: {str(error).lower()}"
-                if text not in self.problems:
-                    self.problems.append(text)
+                stamp = self._take(name, fields)
+            except ValueError:
+                self.broken[name] += 1
+                continue
+            self.counts[name] += 1
+            if name == "PARAM" and len(fields) >= 2:
+                parameters[fields[0].decode("ascii", "replace")] = fields[1].decode("ascii", "replace")
+            if stamp is not None:
+                low, high = self.stamps or (stamp, stamp)
+                self.stamps = min(low, stamp), max(high, stamp)
+        self.stated: StatedLaser = parse_parameters(parameters)
+
+    def mount(self, scan_name: str | None) -> FloatArray:
+        """Return the laser's pose (3,) on the robot, from the lines' poses or else the parameters."""
+        mounts = self._mounts[scan_name] if scan_name is not None else []
+        if mounts:
+            return np.asarray(np.median(np.array(mounts), axis=0), dtype=np.float64)
+        return np.array([np.nan_to_num(self.stated.ahead_m), 0.0, 0.0])
+
+    def moves(self, scan_name: str) -> bool:
+        """Whether the lines of this name carry robot poses that change."""
+        return scan_name in self._robots and self._robots[scan_name][1]
+
+    def readings(self, scan_name: str | None) -> NDArray[np.int64]:
+        """Return the histogram of the readings of this name's lines."""
+        return new_histogram() if scan_name is None else self._readings[scan_name]
+
+    def _take(self, name: str, fields: list[bytes]) -> int | None:
+        """Take in one line; return its stamp if it is of a kind that is read. Raises ValueError if it is broken."""
+        if name == ODOMETRY_TOPIC:
+            return parse_odometry(fields).stamp_ns
+        if name not in SCAN_NAMES:
+            return None
+        line = parse_laser(name, fields)
+        mount = line.laser_on_robot()
+        if mount is not None:
+            self._mounts[name].append(mount)
+        if line.robot_pose is not None:
+            first, moved = self._robots.get(name, (line.robot_pose, False))
+            self._robots[name] = first, moved or not np.array_equal(first, line.robot_pose)
+        count_readings(self._readings[name], line.ranges_m)
+        return line.stamp_ns
 
 
 def is_carmen_log(path: Path) -> bool:
     """Whether the file begins like a CARMEN log, compressed or not."""
-    try:
-        with _open(path) as stream:
-            head = stream.read(_HEAD_BYTES)
-    except _DAMAGE:
-        return False
-    return b"\0" not in head and any(line.startswith(_KNOWN) and b" " in line for line in head.splitlines())
+    return any(line.startswith(_KNOWN) and b" " in line for line in first_lines(path))
 
 
-def parse_stamp_ns(text: bytes) -> int:
-    """Return decimal seconds as ns, exactly: relations name their scans by these digits."""
-    whole, _, fraction = text.partition(b".")
-    return int(whole) * 1_000_000_000 + int((fraction + b"000000000")[:9])
-
-
-def _open(path: Path) -> io.BufferedIOBase:
-    """Open a log whatever it is compressed with, by its first bytes."""
-    with path.open("rb") as stream:
-        head = stream.read(3)
-    if head == b"BZh":
-        return bz2.open(path, "rb")
-    if head[:2] == b"\x1f\x8b":
-        return gzip.open(path, "rb")
-    return path.open("rb")
-
-
-def _parse_scan(fields: list[bytes]) -> LaserScan:
-    """Return the scan of a FLASER line without its name; raises ValueError for one that is not whole."""
-    count = int(fields[0]) if fields else 0
-    if count < 1 or len(fields) != count + 10:
-        raise ValueError(f"{len(fields)} fields for {count} readings")
-    ranges = np.array(fields[1 : count + 1], dtype=np.float64)
-    return LaserScan(
-        stamp_ns=parse_stamp_ns(fields[-3]),
-        angles_rad=beam_angles(count),
-        ranges_m=np.where(ranges >= NO_RETURN_M, np.inf, ranges),
-        offsets_s=np.zeros(count),
-        range_min_m=0.0,
-        range_max_m=RANGE_MAX_M,
-        frame_id=LASER_FRAME,
-    )
-
-
-def beam_angles(count: int) -> FloatArray:
-    """Return the directions (count,) in rad of the beams over the field of view, rising.
-
-    An odd number has a beam at either end (361 beams: every half degree from -90 to 90 deg); an even one lacks the last
-    (180 beams: every degree from -90 to 89 deg).
-    """
-    intervals = count - 1 if count % 2 else count
-    steps = np.arange(count, dtype=np.float64)
-    return np.asarray(steps * (FIELD_OF_VIEW_RAD / max(intervals, 1)) - FIELD_OF_VIEW_RAD / 2.0, dtype=np.float64)
-
-
-def _parse_odometry(fields: list[bytes]) -> Odometry:
-    """Return the odometry of an ODOM line without its name; raises ValueError for one that is not whole."""
-    if len(fields) != 9:
-        raise ValueError(f"{len(fields)} fields, 9 expected")
-    x, y, yaw, forward, turn = (float(field) for field in fields[:5])
-    if not all(map(math.isfinite, (x, y, yaw, forward, turn))):
-        raise ValueError("not finite")
-    return Odometry(parse_stamp_ns(fields[6]), np.array([x, y, yaw]), np.array([forward, 0.0, turn]))
-
-
-def _laser_on_robot(fields: list[bytes]) -> FloatArray:
-    """Return the pose (3,) of the laser as the robot sees it, from a FLASER line's two poses."""
-    lx, ly, lyaw, rx, ry, ryaw = (float(field) for field in fields[-9:-3])
-    dx, dy = lx - rx, ly - ry
-    cos, sin = math.cos(ryaw), math.sin(ryaw)
-    turn = (lyaw - ryaw + math.pi) % (2.0 * math.pi) - math.pi
-    return np.array([cos * dx + sin * dy, -sin * dx + cos * dy, turn])
+def _split(text: TextLog) -> Iterator[tuple[str, list[bytes]]]:
+    """Yield name and fields of each line that is no comment."""
+    for line in text.lines():
+        name, _, rest = line.strip().partition(b" ")
+        if name and not name.startswith(b"#"):
+            yield name.decode("ascii", "replace"), rest.split()

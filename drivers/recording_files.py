@@ -16,7 +16,9 @@ from drivers.recording_mcap_file import McapFile
 from drivers.recording_sqlite import SqliteFile
 from drivers.recording_storage import Storage
 
-ACCEPTED = "accepted: MCAP (.mcap), a ROS 2 bag file (.db3), a folder with either, a CARMEN log (plain, .gz, .bz2)"
+ACCEPTED = (
+    "accepted: MCAP (.mcap), a ROS 2 bag file (.db3), a folder with either, a CARMEN or tinySLAM log (plain, .gz, .bz2)"
+)
 _OVERLAP_NS = 1_000_000_000  # parts of one recording follow each other, apart from what was in flight
 
 

@@ -1,7 +1,7 @@
 """Open a recording, whatever it is stored in, and yield our messages in the order in which they were received.
 
-Accepted: an MCAP file, a ROS 2 bag file (.db3), and a folder of either, with or without metadata.yaml. Damaged or
-unfinished files are read as far as they go.
+Accepted: an MCAP file, a ROS 2 bag file (.db3), a folder of either, with or without metadata.yaml, and the text logs of
+CARMEN and tinySLAM. Damaged or unfinished files are read as far as they go.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from drivers.ros_codec import (
     decode,
     is_decodable,
 )
+from drivers.tinyslam_log import TinyslamLog, is_tinyslam_log
 
 
 class Recording(Protocol):
@@ -164,12 +165,14 @@ class BagRecording:
 
 
 def open_recording(path: Path) -> Recording:
-    """Open a recording for reading: a bag or a CARMEN log.
+    """Open a recording for reading: a bag, a CARMEN or a tinySLAM log.
 
     Raises RecordingError, with what was found and what is accepted, for anything that is not one or holds no message.
     """
     if is_carmen_log(path):
         return CarmenLog(path)
+    if is_tinyslam_log(path):
+        return TinyslamLog(path)
     storages, problems = open_storages(path)
     recording = BagRecording(path, storages, problems)
     if not any(topic.count for topic in recording.topics):

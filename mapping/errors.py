@@ -15,3 +15,7 @@ class MapFileError(MappingError):
 
 class RelationsError(MappingError):
     """A relations file cannot be used, or does not belong to the trajectory."""
+
+
+class TruthError(MappingError):
+    """A file of ground truth holds nothing that a trajectory can be scored against."""

@@ -6,7 +6,7 @@ one pair a line: stamp1 stamp2 dx dy dz roll pitch yaw, the pose of the second s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -31,20 +31,31 @@ class Relations:
         return len(self.poses)
 
 
+SHORT_S = 10.0  # relations between closer scans than that tell of the odometry, the others of the loops
+
+
 @dataclass(frozen=True, slots=True)
 class RelationErrors:
-    """Absolute errors over the relations whose two stamps are in the trajectory; unmatched: those that are not."""
+    """Absolute errors over the relations whose two stamps are in the trajectory; unmatched: those that are not.
+
+    unmatched_share: their share of all. short: the same figures for relations over less than SHORT_S alone, None where
+    not one of them is matched.
+    """
 
     relations: int
     unmatched: int
+    unmatched_share: float
     mean_m: float
     std_m: float
+    median_m: float
     max_m: float
     mean_deg: float
     std_deg: float
+    median_deg: float
     max_deg: float
     mean_squared_m2: float
     mean_squared_deg2: float
+    short: RelationErrors | None = None
 
 
 def read_relations(path: Path) -> Relations:
@@ -85,18 +96,29 @@ def relation_errors(trajectory: Trajectory, relations: Relations) -> RelationErr
     matched = has_first & has_second
     if not matched.any():
         raise RelationsError("no relation has both its stamps in the trajectory: is it of the same log?")
-    estimated = se2.between(trajectory.poses[first[matched]], trajectory.poses[second[matched]])
-    error = se2.between(relations.poses[matched], estimated)
+    estimated = se2.between(trajectory.poses[first], trajectory.poses[second])
+    error = se2.between(relations.poses, estimated)
     distance = np.hypot(error[:, 0], error[:, 1])
     turn = np.degrees(np.abs(se2.wrap_angle(error[:, 2])))
+    is_short = np.abs(relations.second_ns - relations.first_ns) < round(SHORT_S * 1e9)
+    short = _figures(distance[is_short], turn[is_short], matched[is_short]) if (is_short & matched).any() else None
+    return replace(_figures(distance, turn, matched), short=short)
+
+
+def _figures(distance_m: FloatArray, turn_deg: FloatArray, matched: NDArray[np.bool_]) -> RelationErrors:
+    """Return the figures of errors (N,), of which only the matched ones mean anything."""
+    distance, turn = distance_m[matched], turn_deg[matched]
     return RelationErrors(
         relations=int(matched.sum()),
         unmatched=int((~matched).sum()),
+        unmatched_share=float((~matched).mean()),
         mean_m=float(distance.mean()),
         std_m=float(distance.std()),
+        median_m=float(np.median(distance)),
         max_m=float(distance.max()),
         mean_deg=float(turn.mean()),
         std_deg=float(turn.std()),
+        median_deg=float(np.median(turn)),
         max_deg=float(turn.max()),
         mean_squared_m2=float((distance**2).mean()),
         mean_squared_deg2=float((turn**2).mean()),

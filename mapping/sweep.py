@@ -17,6 +17,7 @@ from mapping.grid import OccupancyGrid
 from mapping.slam import Mapper, MappingSettings, Mount
 
 TRIAL_SCANS = 300
+_WINDOW_SCANS = 30  # mapped on their own: over more of them drift blurs a map more than the order of samples does
 LEAST_TURN_RAD = 1.0
 LEAST_GAIN = 0.02
 
@@ -60,13 +61,16 @@ def detect_sweep(scans: Sequence[LaserScan], settings: MappingSettings, mount: M
 
 
 def _blur(scans: Sequence[LaserScan], settings: MappingSettings, mount: Mount) -> tuple[float, float]:
-    """Return the entropy of the scans' map and the angle that the robot turned meanwhile."""
-    mapper = Mapper(settings, mount)
-    for scan in scans:
-        mapper.add_scan(scan)
-    mapper.finish()
-    turned = np.abs(np.diff(np.unwrap(mapper.trajectory.poses[:, 2]))).sum()
-    return entropy(mapper.grid()), float(turned)
+    """Return the sum of the entropies of the maps of short stretches, and the angle that the robot turned meanwhile."""
+    blur, turned_rad = 0.0, 0.0
+    for start in range(0, len(scans), _WINDOW_SCANS):
+        mapper = Mapper(settings, mount)
+        for scan in scans[start : start + _WINDOW_SCANS]:
+            mapper.add_scan(scan)
+        mapper.finish()
+        turned_rad += float(np.abs(np.diff(np.unwrap(mapper.trajectory.poses[:, 2]))).sum())
+        blur += entropy(mapper.grid())
+    return blur, turned_rad
 
 
 def entropy(grid: OccupancyGrid) -> float:

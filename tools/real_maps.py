@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.carmen_log import RANGE_MAX_M, beam_angles
+from drivers.carmen_lines import RANGE_MAX_M, beam_angles
 from mapping import se2
 from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.metrics import align_points

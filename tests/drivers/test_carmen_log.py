@@ -6,7 +6,7 @@ import gzip
 import numpy as np
 import pytest
 
-from drivers.carmen_log import CarmenLog, beam_angles, is_carmen_log, parse_stamp_ns
+from drivers.carmen_log import CarmenLog, is_carmen_log
 from drivers.errors import RecordingError
 from drivers.messages import LaserScan, Odometry, Transform
 from drivers.recording_reader import open_recording
@@ -33,10 +33,11 @@ def write(tmp_path):
 
 
 def test_scan_and_odometry_are_read_with_all_digits_of_their_stamps(write):
-    path = write("# comment\nPARAM a b 1 h 2\n" + flaser("976052857.337530") + odom("976052857.400001", 3.0))
+    first, second = flaser("976052857.337530"), flaser("976052858.0", robot=(1.5, 2.0, 0.5))
+    path = write("# comment\nPARAM a b 1 h 2\n" + first + odom("976052857.400001", 3.0) + second)
     with open_recording(path) as log:
-        static, own, scan, wheel = log.messages()
-        assert {topic.name: topic.count for topic in log.topics} == {"FLASER": 1, "ODOM": 1, "PARAM": 1}
+        static, own, scan, wheel, *_ = log.messages()
+        assert {topic.name: topic.count for topic in log.topics} == {"FLASER": 2, "ODOM": 1, "PARAM": 1}
         assert log.skipped == {"CARMEN PARAM": 1}
     assert isinstance(static, Transform)
     assert isinstance(scan, LaserScan)
@@ -52,15 +53,6 @@ def test_no_return_is_no_measurement(write):
     with CarmenLog(write(flaser(ranges=(1.0, 81.0, 81.91, 0.0)))) as log:
         scan = next(message for message in log if isinstance(message, LaserScan))
     assert scan.valid.tolist() == [True, False, False, False]
-
-
-@pytest.mark.parametrize(
-    ("count", "first_deg", "last_deg", "step_deg"), [(180, -90, 89, 1.0), (360, -90, 89.5, 0.5), (361, -90, 90, 0.5)]
-)
-def test_beams_cover_half_a_turn(count, first_deg, last_deg, step_deg):
-    angles = np.degrees(beam_angles(count))
-    assert (angles[0], angles[-1]) == pytest.approx((first_deg, last_deg))
-    assert np.diff(angles) == pytest.approx(np.full(count - 1, step_deg))
 
 
 def test_laser_pose_on_the_robot_is_what_the_two_poses_say(write):
@@ -89,7 +81,7 @@ def test_stamps_that_step_back_are_sorted_and_none_is_lost(write):
 
 
 def test_odometry_of_a_scan_comes_before_it(write):
-    with CarmenLog(write(flaser("1.0") + flaser("2.0"))) as log:
+    with CarmenLog(write(flaser("1.0") + flaser("2.0", robot=(1.1, 2.0, 0.5)))) as log:
         kinds = [type(message) for message in log]
     assert kinds == [Transform, Odometry, LaserScan, Odometry, LaserScan]
 
@@ -130,7 +122,7 @@ def test_other_files_are_no_carmen_logs(content, write, tmp_path):
 
 
 def test_log_without_scans_and_odometry_is_refused(write):
-    with pytest.raises(RecordingError, match="without FLASER"):
+    with pytest.raises(RecordingError, match="without one whole line of"):
         open_recording(write("PARAM a b 1 h 2\n"))
 
 
@@ -139,6 +131,82 @@ def test_unknown_scan_topic_is_refused(write):
         list(log.messages("/scan"))
 
 
-def test_stamp_is_exact():
-    assert parse_stamp_ns(b"976052857.337530") == 976_052_857_337_530_000
-    assert parse_stamp_ns(b"12") == 12_000_000_000
+def new_laser(name="ROBOTLASER1", stamp="10.5", ranges=(1.0, 2.0, 9.0), laser=(1.0, 2.0, 0.5), robot=(1.0, 2.0, 0.5)):
+    poses = [*laser, *robot, 0.4, 0.1, 0.5, 0.3, 1e6] if name.startswith("ROBOT") else []
+    numbers = [0, -1.0, 2.0, 1.0, 8.0, 0.01, 0, len(ranges), *ranges, 0, *poses]
+    return f"{name} {' '.join(map(str, numbers))} {stamp} host 0.1\n"
+
+
+def scans_of(log, topic=None):
+    return [message for message in log.messages(topic) if isinstance(message, LaserScan)]
+
+
+def odometry_of(log):
+    return [message for message in log if isinstance(message, Odometry)]
+
+
+def test_new_laser_lines_bring_beams_limit_and_odometry(write):
+    text = new_laser(stamp="1.0") + new_laser(stamp="2.0", robot=(1.5, 2.0, 0.5))
+    with open_recording(write(text)) as log:
+        scan = scans_of(log)[0]
+        own = odometry_of(log)
+        assert (log.scan_topic, log.odometry_topic) == ("ROBOTLASER1", "ROBOTLASER1")
+    assert scan.angles_rad.tolist() == [-1.0, 0.0, 1.0]
+    assert scan.valid.tolist() == [True, True, False]
+    assert own[1].pose.tolist() == [1.5, 2.0, 0.5]
+    assert own[1].twist.tolist() == [0.4, 0.0, 0.1]
+
+
+def test_lasers_other_than_the_front_one_are_counted_and_left_out(write):
+    rear = flaser("1.5").replace("FLASER", "RLASER") + new_laser("ROBOTLASER2", "1.6") + new_laser("RAWLASER2", "1.7")
+    with open_recording(write(flaser("1.0") + rear + flaser("2.0"))) as log:
+        assert len(scans_of(log)) == 2
+        assert log.skipped == {"CARMEN RLASER": 1, "CARMEN ROBOTLASER2": 1, "CARMEN RAWLASER2": 1}
+        assert log.problems == []
+
+
+@pytest.mark.parametrize(
+    ("lines", "taken"),
+    [
+        ({"ROBOTLASER1": 3, "FLASER": 3, "RAWLASER1": 3}, "ROBOTLASER1"),
+        ({"RAWLASER1": 4, "FLASER": 2}, "FLASER"),
+        ({"RAWLASER1": 5, "FLASER": 2}, "RAWLASER1"),
+        ({"RAWLASER1": 1}, "RAWLASER1"),
+    ],
+)
+def test_one_kind_of_scan_lines_is_taken_and_another_can_be_asked_for(lines, taken, write):
+    text = "".join(
+        flaser(f"{n}.0") if name == "FLASER" else new_laser(name, f"{n}.0")
+        for name in lines
+        for n in range(lines[name])
+    )
+    with open_recording(write(text)) as log:
+        assert log.scan_topic == taken
+        assert len(scans_of(log)) == lines[taken]
+        for name, count in lines.items():
+            assert len(scans_of(log, name)) == count
+
+
+def test_robot_that_never_moves_by_its_scan_lines_has_no_odometry_from_them(write):
+    still = flaser("1.0") + flaser("2.0")
+    with CarmenLog(write(still)) as log:
+        assert log.odometry_topic is None
+        assert odometry_of(log) == []
+    with CarmenLog(write(still + odom("1.5", 3.0))) as log:
+        assert log.odometry_topic == "ODOM"
+        assert [message.pose[0] for message in odometry_of(log)] == [3.0]
+
+
+def test_raw_laser_is_mounted_where_the_parameters_say(write):
+    text = "PARAM robot_frontlaser_offset 0.25 nohost 0\n" + new_laser("RAWLASER1", "1.0")
+    with CarmenLog(write(text)) as log:
+        static = next(iter(log))
+    assert static.translation.tolist() == [0.25, 0.0, 0.0]
+
+
+def test_number_that_means_no_return_is_found_in_the_log_itself(write):
+    random = np.random.default_rng(1)
+    rows = [(*random.uniform(0.5, 20.0, 30).round(2), 51.15, 51.15, 51.14) for _ in range(30)]
+    with CarmenLog(write("".join(flaser(f"{n}.0", ranges=row) for n, row in enumerate(rows)))) as log:
+        for scan in scans_of(log):
+            assert scan.valid.tolist() == [True] * 30 + [False] * 3

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.metrics import absolute_trajectory_error, align_points
+from mapping.metrics import DeltaUnit, absolute_trajectory_error, align_points, relative_pose_error
 from mapping.trajectory import Trajectory
 
 FloatArray = NDArray[np.float64]
@@ -68,7 +68,10 @@ def test_known_errors_are_measured() -> None:
     assert error.rms_m == pytest.approx(np.sqrt((0.3**2 + 0.4**2) / 4))
     assert error.mean_m == pytest.approx(0.7 / 4)
     assert error.max_m == pytest.approx(0.4)
+    assert error.median_m == pytest.approx(0.15)
     assert error.mean_deg == pytest.approx(30.0 / 4)
+    assert error.median_deg == 0.0
+    assert error.rms_deg == pytest.approx(15.0)
     assert error.max_deg == pytest.approx(30.0)
 
 
@@ -90,7 +93,14 @@ def test_without_alignment_the_first_poses_meet() -> None:
 def test_only_poses_that_truth_covers_count() -> None:
     estimate = curve(40)
     truth = Trajectory(estimate.stamps_ns[10:21], estimate.poses[10:21])
-    assert absolute_trajectory_error(estimate, truth).poses == 11
+    error = absolute_trajectory_error(estimate, truth)
+    assert (error.poses, error.uncovered, error.truth_covered) == (11, 29, 1.0)
+
+
+def test_estimate_that_ends_early_covers_a_part_of_the_truth() -> None:
+    truth = curve(40)
+    error = absolute_trajectory_error(Trajectory(truth.stamps_ns[:10], truth.poses[:10]), truth)
+    assert (error.poses, error.uncovered, error.truth_covered) == (10, 0, 0.25)
 
 
 def test_truth_is_interpolated_at_the_stamps_of_the_estimate() -> None:
@@ -113,3 +123,54 @@ def test_trajectories_without_common_time_are_refused(stamps: list[int]) -> None
     for estimate, truth in ((other, here), (here, other)):
         with pytest.raises(ValueError, match="no time in common"):
             absolute_trajectory_error(estimate, truth)
+        with pytest.raises(ValueError, match="no time in common"):
+            relative_pose_error(estimate, truth, 1.0, "s")
+
+
+def straight(step_m: float, count: int = 21) -> Trajectory:
+    """Return a drive along x at ten poses a second."""
+    places = np.arange(count) * step_m
+    return Trajectory(np.arange(count) * 10**8, np.column_stack([places, np.zeros((count, 2))]))
+
+
+@given(OFFSETS, st.sampled_from(["s", "m"]), st.floats(0.1, 2.0))
+def test_relative_error_does_not_depend_on_the_frames(offset: FloatArray, unit: DeltaUnit, delta: float) -> None:
+    truth = curve(200)
+    error = relative_pose_error(moved(truth, offset), truth, delta, unit)
+    assert error.pairs > 50
+    assert error.max_m < 1e-10
+    assert error.max_deg < 1e-6
+
+
+@pytest.mark.parametrize(("unit", "delta", "pairs"), [("s", 1.0, 11), ("m", 1.0, 11), ("m", 0.5, 16), ("s", 0.1, 20)])
+def test_scale_error_is_that_of_the_interval(unit: DeltaUnit, delta: float, pairs: int) -> None:
+    error = relative_pose_error(straight(0.11), straight(0.10), delta, unit)
+    assert error.pairs == pairs
+    assert error.interval == pytest.approx(delta)
+    for value in (error.rms_m, error.mean_m, error.median_m, error.max_m):
+        assert value == pytest.approx(0.1 * delta)
+    assert error.max_deg == 0.0
+
+
+def test_one_wrong_turn_costs_the_pairs_across_it_only() -> None:
+    truth = straight(0.1)
+    corner = np.where(np.arange(21) > 10, np.radians(10.0), 0.0)
+    bent = Trajectory(truth.stamps_ns, np.column_stack([truth.poses[:, :2], corner]))
+    error = relative_pose_error(bent, truth, 0.5, "s")
+    assert error.max_deg == pytest.approx(10.0)
+    assert error.mean_deg == pytest.approx(10.0 * 5 / 16)
+    assert error.median_deg == 0.0
+
+
+def test_poses_that_are_sparser_than_the_interval_pair_with_the_nearest() -> None:
+    truth = straight(0.7)
+    error = relative_pose_error(truth, truth, 1.0, "m")
+    assert error.interval == pytest.approx(0.7)
+    with pytest.raises(ValueError, match="no two poses"):
+        relative_pose_error(truth, truth, 0.3, "m")
+
+
+@pytest.mark.parametrize("delta", [0.0, -1.0, float("nan"), float("inf"), 99.0])
+def test_interval_that_no_pair_has_is_refused(delta: float) -> None:
+    with pytest.raises(ValueError, match="interval"):
+        relative_pose_error(straight(0.1), straight(0.1), delta, "s")

@@ -47,11 +47,27 @@ def test_error_is_the_pose_between_true_and_estimated_relation():
     assert errors.mean_squared_m2 == pytest.approx(0.25)
 
 
+def test_relations_of_less_than_ten_seconds_have_figures_of_their_own():
+    truth = drive()
+    relations = true_relations(truth, [(0, 5), (5, 7), (3, 13), (0, 19)])
+    poses = truth.poses.copy()
+    poses[5] = se2.compose(poses[5], np.array([0.3, 0.4, 0.0]))
+    poses[19] = se2.compose(poses[19], np.array([3.0, 4.0, 0.0]))
+    errors = relation_errors(Trajectory(truth.stamps_ns, poses), relations)
+    assert errors.max_m == pytest.approx(5.0)
+    assert errors.mean_m == pytest.approx((0.5 + 0.5 + 0.0 + 5.0) / 4)
+    assert errors.median_m == pytest.approx(0.5)
+    assert (errors.short.relations, errors.short.unmatched) == (2, 0)
+    assert errors.short.mean_m == errors.short.max_m == pytest.approx(0.5)
+    assert errors.short.short is None
+    assert relation_errors(truth, true_relations(truth, [(0, 12)])).short is None
+
+
 def test_relations_without_a_pose_are_counted():
     truth = drive()
     relations = true_relations(truth, PAIRS)
     errors = relation_errors(Trajectory(truth.stamps_ns[:13], truth.poses[:13]), relations)
-    assert (errors.relations, errors.unmatched) == (3, 1)
+    assert (errors.relations, errors.unmatched, errors.unmatched_share) == (3, 1, 0.25)
     with pytest.raises(RelationsError, match="same log"):
         relation_errors(Trajectory(truth.stamps_ns + 1, truth.poses), relations)
 

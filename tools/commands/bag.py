@@ -13,7 +13,8 @@ from tools.exit_codes import ExitCode
 app = typer.Typer(help="Look into recordings, check and repair them.", no_args_is_help=True, rich_markup_mode=None)
 
 RecordingPath = Annotated[
-    Path, typer.Argument(metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, or a CARMEN log.")
+    Path,
+    typer.Argument(metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log."),
 ]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
@@ -17,30 +19,43 @@ def scores() -> None:
     """Score results against ground truth."""
 
 
+class DeltaUnit(str, Enum):
+    """What the interval of the relative pose error is measured in."""
+
+    m = "m"
+    s = "s"
+
+
 @app.command()
 def slam(
-    trajectory: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="A trajectory.tum that `replay` wrote.")],
-    relations: Annotated[Path, typer.Argument(metavar="RELATIONS", help="True relative poses of the same log.")],
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="TRAJECTORY... TRUTH", help="One or more trajectory.tum of `replay`; last, the truth."),
+    ],
+    delta: Annotated[float, typer.Option(help="Interval of the relative pose error (RPE).")] = 1.0,
+    delta_unit: Annotated[DeltaUnit, typer.Option(help="Its unit: metres driven or seconds.")] = DeltaUnit.m,
     as_json: Json = False,
 ) -> None:
-    """Score a trajectory by true relative poses between scans, the relations metric (Kuemmerle et al. 2009).
+    """Errors of trajectories against ground truth: one row each.
 
-    RELATIONS has one pair a line: stamp1 stamp2 dx dy dz roll pitch yaw. Exit code 3: some of its stamps are not in the
-    trajectory, and the others are scored.
+    TRUTH is told by its content. A file of true relative poses (stamp1 stamp2 dx dy dz roll pitch yaw) gives the
+    relations metric (Kuemmerle et al. 2009): how well true relative poses between scans are kept, also of those under
+    10 s alone. A true trajectory of base_link in TUM text gives ATE after the best planar alignment, and RPE. Exit code
+    3: some relations have stamps that are not in the trajectory, and the others are scored.
     """
-    from dataclasses import asdict
-
-    from mapping.relations import read_relations, relation_errors
-    from mapping.trajectory import read_tum
+    from tools.errors import UsageError
     from tools.exit_codes import ExitCode
+    from tools.slam_evaluation import Interval, is_partial, score_trajectories, table_of
 
-    errors = relation_errors(read_tum(trajectory), read_relations(relations))
+    if len(files) < 2:
+        raise UsageError(f"{files[0]}: name one or more trajectories and, last, the truth")
+    if not (math.isfinite(delta) and delta > 0.0):
+        raise UsageError(f"--delta {delta}: must be a positive number")
+    *trajectories, truth = files
+    rows = score_trajectories(trajectories, truth, Interval(delta, delta_unit.value))
     if as_json:
-        print_json(asdict(errors))
+        print_json(rows[0] if len(rows) == 1 else {"results": rows})
     else:
-        typer.echo(f"{errors.relations} relations, {errors.unmatched} without a pose")
-        typer.echo(f"  translation  {errors.mean_m:.4f} +- {errors.std_m:.4f} m, at most {errors.max_m:.3f} m")
-        typer.echo(
-            f"  rotation     {errors.mean_deg:.3f} +- {errors.std_deg:.3f} deg, at most {errors.max_deg:.2f} deg"
-        )
-    raise typer.Exit(ExitCode.PARTIAL if errors.unmatched else ExitCode.OK)
+        for line in table_of(rows):
+            typer.echo(line)
+    raise typer.Exit(ExitCode.PARTIAL if any(map(is_partial, rows)) else ExitCode.OK)

@@ -32,7 +32,10 @@ class OdometrySource(str, Enum):
 
 def replay(
     recording: Annotated[
-        Path, typer.Argument(metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, or a CARMEN log.")
+        Path,
+        typer.Argument(
+            metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log."
+        ),
     ],
     output: OutputFolder = None,
     config_file: ConfigFile = None,
