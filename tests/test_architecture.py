@@ -14,11 +14,12 @@ PACKAGES = ("drivers", "mapping", "fusion", "planning", "tools")
 
 # Third-party package -> the modules that may import it: a device, a format or an engine is adapted in one place.
 ADAPTERS = {
-    "kiss_icp": {"mapping.odometry"},
+    "kiss_icp": {"mapping.odometry", "tools.slam_peers"},  # the peer is its own pipeline, run beside for comparison
     "matplotlib": {"tools.plots"},
     "mcap": {"drivers.recording_mcap"},
     "ompl": {"planning.planner"},
     "rosbags": {"drivers.ros_codec"},
+    "scipy": {"mapping.pose_graph"},
     "serial": {"drivers.serial_link"},
 }
 # Each costs a good part of a second: the command that needs one imports it, so that --help answers at once.

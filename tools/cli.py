@@ -19,12 +19,16 @@ from tools.commands import (
     align,
     bag,
     bench,
+    bench_slam,
     config,
     demo,
     emulate,
     evaluate,
     evaluate_maps,
     evaluate_plans,
+    evaluate_rates,
+    evaluate_relocalisation,
+    evaluate_robustness,
     fuse,
     plan,
     record,
@@ -50,12 +54,16 @@ app.command("align")(align.align)
 app.command("fuse")(fuse.fuse)
 app.command("plan")(plan.plan)
 app.command("demo")(demo.demo)
-app.command("bench")(bench.bench)
+app.add_typer(bench.app, name="bench")
+bench.app.command("slam")(bench_slam.slam)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
 evaluate.app.command("maps")(evaluate_maps.maps)
 evaluate.app.command("plans")(evaluate_plans.plans)
+evaluate.app.command("robustness")(evaluate_robustness.robustness)
+evaluate.app.command("rates")(evaluate_rates.rates)
+evaluate.app.command("relocalisation")(evaluate_relocalisation.relocalisation)
 app.add_typer(config.app, name="config")
 
 

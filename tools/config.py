@@ -14,6 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from mapping.front_end import KeyframeSettings
+from mapping.graph_slam import GraphSettings
 from mapping.odometry import OdometrySettings
 from mapping.sensor_models import LidarModel
 from mapping.slam import MappingSettings, Mount
@@ -22,6 +24,8 @@ from tools.errors import UsageError
 _ODOMETRY = OdometrySettings()
 _LIDAR = LidarModel()
 _MAPPING = MappingSettings()
+_KEYFRAMES = KeyframeSettings()
+_GRAPH = GraphSettings()
 
 
 class ConfigError(UsageError):
@@ -79,6 +83,19 @@ class OdometrySection(_Section):
     max_correction_rad: float = Field(_ODOMETRY.max_correction_rad, gt=0)
 
 
+class SlamSection(_Section):
+    """Keyframes, loop closure and refinement."""
+
+    loop_closure: bool = Field(_GRAPH.loop_closure, description="look for places that were seen before")
+    refine: bool = Field(True, description="match all keyframes with each other at the end")
+    keyframe_distance_m: float = Field(_KEYFRAMES.distance_m, gt=0, le=5, description="a keyframe comes every so far")
+    keyframe_turn_rad: float = Field(_KEYFRAMES.turn_rad, gt=0, le=3.2, description="or after turning by so much")
+    delay_keyframes: int = Field(
+        _GRAPH.delay, ge=2, le=1000, description="a search begins every so many keyframes and counts as many later"
+    )
+    scan_every: int = Field(_MAPPING.scan_every, ge=1, le=1000, description="map only every n-th scan")
+
+
 class GridSection(_Section):
     """The occupancy grid and its inverse sensor model."""
 
@@ -97,6 +114,7 @@ class Config(_Section):
     lidar: LidarSection = LidarSection()
     replay: ReplaySection = ReplaySection()
     odometry: OdometrySection = OdometrySection()
+    slam: SlamSection = SlamSection()
     grid: GridSection = GridSection()
 
     def mapping_settings(self) -> MappingSettings:
@@ -105,10 +123,13 @@ class Config(_Section):
         return MappingSettings(
             resolution_m=self.grid.resolution_m,
             odometry=OdometrySettings(**odometry),
+            keyframes=KeyframeSettings(distance_m=self.slam.keyframe_distance_m, turn_rad=self.slam.keyframe_turn_rad),
+            graph=GraphSettings(loop_closure=self.slam.loop_closure, delay=self.slam.delay_keyframes),
             lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m"})),
             use_wheel_odometry=self.odometry.use_wheel_odometry or self.odometry.source == "wheel",
             wheels_only=self.odometry.source == "wheel",
             wheel_wait_s=self.odometry.wheel_wait_s,
+            scan_every=self.slam.scan_every,
         )
 
     def mount(self) -> Mount:
@@ -125,6 +146,12 @@ class Config(_Section):
         if cells_per_meter is not None:
             resolution_m = 1.0 / cells_per_meter if cells_per_meter > 0 else math.nan
         return parse({**self.model_dump(), "grid": {**self.grid.model_dump(), "resolution_m": resolution_m}}, "options")
+
+    def with_slam(self, *, loop_closure: bool | None, refine: bool | None, scan_every: int | None) -> Config:
+        """Return a copy with what is given changed in the section `slam`."""
+        given = {"loop_closure": loop_closure, "refine": refine, "scan_every": scan_every}
+        chosen = {name: value for name, value in given.items() if value is not None}
+        return self.model_copy(update={"slam": self.slam.model_copy(update=chosen)})
 
     def with_odometry(self, source: Literal["kiss", "wheel"] | None) -> Config:
         """Return a copy that takes its poses from scan matching or from the wheels alone; None changes nothing."""

@@ -18,13 +18,16 @@ from drivers.recording_writer import McapRecorder, RecordingReport
 from drivers.rplidar import Rplidar, open_rplidar
 from drivers.rplidar_models import is_emulated
 from mapping.frames import planar_transform
+from mapping.graph_slam import GraphState
 from mapping.slam import MappedScan
 from tools.clock import RunClock
 from tools.config import Config, ConfigError
 from tools.live_run import LiveOutcome, record_live, run_live
-from tools.pipeline import LASER_FRAME, MappingFlow, resolve_mount, warm_up
+from tools.localisation import Localisation
+from tools.pipeline import LASER_FRAME, MappingFlow, resolve_mount, search_thread, warm_up
 from tools.replay_run import CONFIG_RECORD
-from tools.results import Report, decoding_summary, grid_snapshot, save_results
+from tools.results import Report, decoding_summary, grid_snapshot, lost_pieces, save_results
+from tools.signals import Stop
 
 log = logging.getLogger(__name__)
 
@@ -33,11 +36,19 @@ _PROGRESS_S = 2.0
 
 
 def run_session(
-    port: str, config: Config, new_folder: Callable[[], Path], stop: threading.Event, *, record: bool
+    port: str,
+    config: Config,
+    new_folder: Callable[[], Path],
+    stop: Stop,
+    *,
+    record: bool,
+    resume: GraphState | None = None,
+    map_file: Path | None = None,
 ) -> tuple[Report, DriverError | None]:
     """Map live until `stop`; return the report and the fault that ended the run early, once all is saved.
 
-    Raises DriverError when the lidar cannot be started, ConfigError for settings of replays: nothing is written then.
+    Map, trajectory and state are saved, then refined and saved again; another signal meanwhile leaves that out. Raises
+    DriverError when the lidar cannot be started, ConfigError for settings of replays: nothing is written then.
     """
     if config.odometry.source == "wheel":
         raise ConfigError(
@@ -45,20 +56,32 @@ def run_session(
         )
     clock = RunClock()
     warm_up()
-    with _started_lidar(port, config, clock) as (lidar, stream):
+    with search_thread() as background, _started_lidar(port, config, clock) as (lidar, stream):
         folder = new_folder()
         laser_pose = _laser_pose(config, stream.stamp_ns)
         mount, _ = resolve_mount([laser_pose], config, None, LASER_FRAME)
-        flow = MappingFlow(config, mount)
+        flow = MappingFlow(config, mount, background=background, resume=resume)
+        localisation = None if map_file is None else Localisation(map_file, mount.pose[:2])
         recorder = _start_recording(folder / RECORDING_NAME, config, clock, stream, laser_pose) if record else None
         put: Callable[[Recordable], None] = _discard if recorder is None else recorder.put
         try:
-            outcome = run_live(lidar, flow, stop, put=put, on_mapped=_Progress(flow))
+            on_mapped = _Progress(flow, localisation)
+            outcome = run_live(lidar, flow, stop, put=put, on_mapped=on_mapped, release=lidar.close)
             if len(flow.mapper.trajectory):
                 put(grid_snapshot(flow.mapper.grid(), int(flow.mapper.trajectory.stamps_ns[-1])))
         finally:
             recorded = None if recorder is None else recorder.close()
-    report = save_results(folder, flow, port, _session_details(stream, outcome, recorded))
+    details = _session_details(stream, outcome, recorded)
+    if localisation is not None:
+        details["localisation"] = localisation.save(folder)
+    report = save_results(folder, flow, port, details, save_state=True)
+    asked = stop.asked
+    if config.slam.refine and report["trajectory"]["poses"]:
+        log.info("saved; refining the map (Ctrl-C again to leave that out)")
+        if flow.refine(lambda: stop.asked > asked):
+            report = save_results(folder, flow, port, details, save_state=True)
+    for line in lost_pieces(report):
+        log.warning("%s", line)
     _log_end(report, folder)
     return report, outcome.fault
 
@@ -128,13 +151,16 @@ def _discard(_message: Recordable) -> None:
 
 
 class _Progress:
-    """Says every two seconds where the car is."""
+    """Follows the car on a saved map, if there is one, and says every two seconds where it is."""
 
-    def __init__(self, flow: MappingFlow) -> None:
+    def __init__(self, flow: MappingFlow, localisation: Localisation | None) -> None:
         self._flow = flow
+        self._localisation = localisation
         self._shown = self._begun = time.monotonic()
 
     def __call__(self, mapped: MappedScan) -> None:
+        if self._localisation is not None:
+            self._localisation.add(mapped)
         now = time.monotonic()
         if now - self._shown < _PROGRESS_S:
             return
@@ -170,9 +196,12 @@ def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: Record
 
 
 def session_is_whole(report: Report) -> bool:
-    """Whether no scan was dropped and nothing is missing from the recording, if one was asked for."""
+    """Whether no scan was dropped, all that was driven is in the map, and nothing is missing from the recording."""
     recording = report.get("recording") or {"error": None, "dropped": {}}
-    return not (report["dropped_scans"] or recording["error"] or recording["dropped"])
+    is_mapped = "slam" in report  # a recording alone is not
+    return not (
+        (is_mapped and lost_pieces(report)) or report["dropped_scans"] or recording["error"] or recording["dropped"]
+    )
 
 
 def _log_end(report: Report, folder: Path) -> None:

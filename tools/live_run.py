@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.errors import DriverError
 from drivers.messages import LaserScan, Message, Recordable, Transform
@@ -16,6 +17,7 @@ from drivers.rplidar_decoder import DecoderCounters
 from mapping.slam import MappedScan
 from tools.pipeline import LidarDecoding, MappingFlow
 
+FloatArray = NDArray[np.float64]
 Put = Callable[[Recordable], None]
 
 QUEUE_SCANS = 200  # 20 s of a lidar at 10 turns a second
@@ -107,13 +109,15 @@ def run_live(
     *,
     put: Put,
     on_mapped: Callable[[MappedScan], None],
+    release: Callable[[], None] = lambda: None,
 ) -> LiveOutcome:
-    """Map until `stop` is set or the lidar fails, then map what was still on the way."""
+    """Map until `stop` is set or the lidar fails, then release the lidar and map what was still on the way."""
     sensor = SensorThread(lidar, put)
     sensor.start()
     while sensor.running and not stop.is_set():
         _map_next(sensor, flow, put, on_mapped, timeout_s=0.1)
     sensor.stop()
+    release()
     while _map_next(sensor, flow, put, on_mapped, timeout_s=0.0):
         pass
     for mapped in flow.finish():
@@ -139,13 +143,21 @@ def _map_next(
     if message is None:
         return False
     for mapped in flow.feed(message):
-        put(pose_transform(mapped))
+        for transform in pose_transforms(mapped):
+            put(transform)
         on_mapped(mapped)
     return True
 
 
-def pose_transform(mapped: MappedScan) -> Transform:
-    """Return the mapped pose as odom -> base_link for /tf: without loop closure the map frame is the odometry's."""
-    x, y, yaw = mapped.pose
+def pose_transforms(mapped: MappedScan) -> tuple[Transform, Transform]:
+    """Return map -> odom, which jumps where a loop closes, and odom -> base_link, which never does, for /tf."""
+    return (
+        _planar(mapped.stamp_ns, "map", "odom", mapped.T_map_odom),
+        _planar(mapped.stamp_ns, "odom", "base_link", mapped.match.pose),
+    )
+
+
+def _planar(stamp_ns: int, parent: str, child: str, pose: FloatArray) -> Transform:
+    x, y, yaw = pose
     quaternion = np.array([0.0, 0.0, np.sin(yaw / 2.0), np.cos(yaw / 2.0)])
-    return Transform(mapped.stamp_ns, "odom", "base_link", np.array([x, y, 0.0]), quaternion)
+    return Transform(stamp_ns, parent, child, np.array([x, y, 0.0]), quaternion)

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.graph_slam import PoseGraph
 from mapping.grid import OccupancyGrid
 from mapping.trajectory import Trajectory
 
@@ -17,6 +18,8 @@ _UNKNOWN_GRAY = 205
 _LONG_SIDE_PX = 1200
 _PATH_BGR = (60, 60, 220)
 _START_BGR = (60, 160, 40)
+_STEP_BGR = (170, 90, 30)
+_CLOSURE_BGR = (30, 130, 240)
 _INK_BGR = (40, 40, 40)
 
 
@@ -34,6 +37,23 @@ def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image
         cv2.polylines(image, [shifted], False, _PATH_BGR, min(scale, 2), cv2.LINE_AA, 4)
         start_x, start_y = pixels[0].round().astype(int).tolist()
         cv2.circle(image, (start_x, start_y), 6, _START_BGR, cv2.FILLED, cv2.LINE_AA)
+    return _with_scale_bar(image, scale / grid.resolution_m)
+
+
+def draw_pose_graph(grid: OccupancyGrid, graph: PoseGraph) -> Image:
+    """Return the map, pale, with the keyframes (dots), the front end's steps (blue) and loop closures (orange)."""
+    shades = np.where(grid.known, 255.0 - 110.0 * grid.probability, _UNKNOWN_GRAY).astype(np.uint8)
+    scale = max(1, round(_LONG_SIDE_PX / max(shades.shape)))
+    enlarged = cv2.resize(np.flipud(shades), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    image = np.asarray(cv2.cvtColor(enlarged, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    cells = grid.cell_coordinates(graph.poses[:, :2])
+    pixels = np.column_stack([cells[:, 0], grid.log_odds.shape[0] - cells[:, 1]]) * scale
+    shifted = np.round(pixels * 16).astype(np.int32)
+    for edges, color, width in ((graph.closures, _CLOSURE_BGR, 1), (graph.steps, _STEP_BGR, 1)):
+        for first, second in edges.tolist():
+            cv2.line(image, shifted[first].tolist(), shifted[second].tolist(), color, width, cv2.LINE_AA, 4)
+    for x, y in shifted.tolist():
+        cv2.circle(image, (x, y), 16 * 2, _STEP_BGR, cv2.FILLED, cv2.LINE_AA, 4)
     return _with_scale_bar(image, scale / grid.resolution_m)
 
 

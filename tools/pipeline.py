@@ -7,7 +7,9 @@ give the same map; only the stopwatch for the report looks at a clock.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +17,9 @@ import numpy as np
 from drivers.messages import LaserScan, LidarStream, Message, Odometry, RawChunk, Transform
 from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
 from mapping.frames import find_mount
-from mapping.grid import GridBuilder
-from mapping.sensor_models import LidarModel
-from mapping.slam import MappedScan, Mapper, Mount
+from mapping.graph_slam import Background, GraphSettings, GraphState, Search, at_once
+from mapping.loop_closure import LoopSettings
+from mapping.slam import MappedScan, Mapper, MappingSettings, Mount
 from mapping.sweep import TRIAL_SCANS, SweepVerdict, detect_sweep, reverse_sweep
 from tools.config import Config
 
@@ -53,10 +55,23 @@ class LidarDecoding:
 class MappingFlow:
     """Decoded messages to trajectory and map, with the time that each mapped scan took."""
 
-    def __init__(self, config: Config, mount: Mount, *, sweep_reversed: bool = False) -> None:
-        self.mapper = Mapper(config.mapping_settings(), mount)
+    def __init__(
+        self,
+        config: Config,
+        mount: Mount,
+        *,
+        sweep_reversed: bool = False,
+        background: Background = at_once,
+        resume: GraphState | None = None,
+    ) -> None:
+        self.mapper = Mapper(config.mapping_settings(), mount, background)
+        if resume is not None:
+            self.mapper.resume(resume)
+        self.refined = False
         self.scans = 0
+        self._wants_refinement = config.slam.refine and config.odometry.source != "wheel"
         self.seconds: list[float] = []
+        self.finish_s = self.refine_s = 0.0
         self._sweep_reversed = sweep_reversed
 
     def feed(self, message: Message) -> list[MappedScan]:
@@ -74,8 +89,29 @@ class MappingFlow:
         return mapped
 
     def finish(self) -> list[MappedScan]:
-        """Map what still waits; call once after the last message."""
-        return self.mapper.finish()
+        """Map what still waits and close the last loops; call once after the last message."""
+        started = time.perf_counter()
+        mapped = self.mapper.finish()
+        self.finish_s = time.perf_counter() - started
+        return mapped
+
+    def refine(self, cancelled: Callable[[], bool] = lambda: False) -> bool:
+        """Refine the map after `finish`, if the configuration asks for it; tell whether it was done."""
+        started = time.perf_counter()
+        self.refined = self._wants_refinement and self.mapper.refine(cancelled)
+        self.refine_s = time.perf_counter() - started
+        return self.refined
+
+
+@contextmanager
+def search_thread() -> Iterator[Background]:
+    """Yield a background in which loops are searched for by one other thread, while the caller maps on."""
+    with ThreadPoolExecutor(1, thread_name_prefix="loops") as executor:
+
+        def begin(search: Search) -> Search:
+            return executor.submit(search).result
+
+        yield begin
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +163,21 @@ def resolve_mount(
 
 
 def warm_up() -> None:
-    """Load the compiled ray traversal (seconds on the first run ever), so that no scan waits for it."""
-    builder = GridBuilder(1.0, LidarModel())
-    builder.add_scan(np.zeros(2), np.ones((1, 2)))
+    """Load all compiled code by mapping a few turns in a made-up room, so that no scan waits for the compiler.
+
+    That takes part of a second, on the first run ever, which compiles, about a minute.
+    """
+    loops = LoopSettings(least_path_m=0.5, least_overlap=0.0, least_hit_share=0.0, most_rival=2.0)
+    mapper = Mapper(MappingSettings(graph=GraphSettings(delay=4, loops=loops)), Mount())
+    bearings = np.linspace(-np.pi, np.pi, 240, endpoint=False)
+    for number in range(16):
+        x = 0.3 * min(number, 16 - number)
+        to_x = np.where(np.cos(bearings) > 0, 4.0 - x, 2.0 + x) / np.maximum(np.abs(np.cos(bearings)), 1e-9)
+        to_y = np.where(np.sin(bearings) > 0, 2.0, 3.0) / np.maximum(np.abs(np.sin(bearings)), 1e-9)
+        stamp_ns = (number + 1) * 300_000_000
+        mapper.add_odometry(Odometry(stamp_ns, np.array([x, 0.0, 0.0]), np.zeros(3)))
+        for later_ns in (0, 1_000_000):  # the second is no keyframe: such scans are refined too
+            mapper.add_scan(LaserScan(stamp_ns + later_ns, bearings, np.minimum(to_x, to_y), np.zeros(240), 0.1, 12.0))
+    mapper.finish()
+    mapper.refine()
+    mapper.grid()

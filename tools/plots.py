@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from fusion.resampling import Raster, known_corners, raster_around, raster_of, r
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from tools.errors import ToolError
+from tools.rate_study import RateMap
 
 FloatArray = NDArray[np.float64]
 _COLORS = ("#1f6fb4", "#d9541e")
@@ -43,14 +45,7 @@ def draw_mission(file: Path, picture: MissionPicture) -> None:
 
     Raises ToolError without matplotlib.
     """
-    try:
-        import matplotlib as mpl
-    except ImportError as missing:
-        raise ToolError("pictures with axes need matplotlib: pip install 'mapfuse-robot[plots]'") from missing
-    logging.getLogger("matplotlib").setLevel(logging.WARNING)
-    mpl.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = _pyplot()
     figure, (local, fused) = plt.subplots(1, 2, figsize=(17, 8.5), layout="constrained", sharex=True, sharey=True)
     _draw_overlay(local, picture)
     for number, color in enumerate(_COLORS):
@@ -129,3 +124,110 @@ def _draw_fused(axes: Any, picture: MissionPicture) -> None:
     axes.plot(*path[-1, :2], "*", color=_COLORS[1], ms=17, mec="white", label="goal: where car B started")
     axes.set_title(f"global map and a path of {travelled[-1]:.1f} m")
     axes.legend(loc="upper right")
+
+
+_FAILED = "#c81e1e"
+_RATE_COLORS = ("#1f6fb4", "#d9541e", "#2a8c4a", "#7a3fa0", "#8a6d1a", "#3aa6a6", "#b0457b")
+
+
+def draw_rate_maps(file: Path, maps: Sequence[RateMap], title: str) -> None:
+    """Write a PNG of the maps with their pose graphs, a row for each rate and a column for each resolution (fig. 4.2).
+
+    Failed ones are framed in red and say why. Raises ToolError without matplotlib.
+    """
+    plt = _pyplot()
+    rates, resolutions = _axes_of(maps)
+    height, width = (max(each.map_size[axis] / each.cells_per_meter for each in maps) for axis in (0, 1))
+    tile_height = 3.4 * min(max(height / width, 0.35), 1.6)
+    figure, axes = plt.subplots(
+        len(rates), len(resolutions), squeeze=False, layout="constrained",
+        figsize=(3.4 * len(resolutions) + 0.6, (tile_height + 0.75) * len(rates) + 0.7),
+    )  # fmt: skip
+    for each in maps:
+        row, col = rates.index(each.scan_every), resolutions.index(each.cells_per_meter)
+        _draw_rate_map(axes[row, col], each)
+        if col == 0:
+            axes[row, col].set_ylabel(_rate_name(each), fontsize=12)
+    figure.suptitle(title, fontsize=14)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def draw_real_time_factors(file: Path, maps: Sequence[RateMap], title: str) -> None:
+    """Write a PNG of time to map over duration, by r, a line for each rate; failed maps are red crosses (fig. 4.1).
+
+    Raises ToolError without matplotlib.
+    """
+    plt = _pyplot()
+    rates, resolutions = _axes_of(maps)
+    figure, axes = plt.subplots(figsize=(8.5, 5.2), layout="constrained")
+    for number, scan_every in enumerate(rates):
+        mine = sorted((each for each in maps if each.scan_every == scan_every), key=lambda each: each.cells_per_meter)
+        color = _RATE_COLORS[number % len(_RATE_COLORS)]
+        r, tau = [each.cells_per_meter for each in mine], [each.tau for each in mine]
+        axes.plot(r, tau, "o-", color=color, lw=1.8, ms=5, label=_rate_name(mine[0]).replace("\n", ", "))
+        failed = [each for each in mine if each.failures]
+        axes.plot(
+            [each.cells_per_meter for each in failed], [each.tau for each in failed], "x", color=_FAILED, ms=12, mew=2.5
+        )
+    if any(each.failures for each in maps):
+        axes.plot([], [], "x", color=_FAILED, ms=10, mew=2.5, ls="none", label="the map failed")
+    axes.set(xlabel="r in cells/m", ylabel="τ = CPU time to map / duration of the data")
+    axes.set_ylim(bottom=0.0)
+    axes.set_xticks(resolutions, [f"{r:g}" for r in resolutions])
+    axes.grid(visible=True, alpha=0.25)
+    axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    axes.set_title(title, fontsize=12)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def _pyplot() -> Any:
+    """Return matplotlib's pyplot, drawing to files; raise ToolError where it is not installed."""
+    try:
+        import matplotlib as mpl
+    except ImportError as missing:
+        raise ToolError("pictures with axes need matplotlib: pip install 'mapfuse-robot[plots]'") from missing
+    logging.getLogger("matplotlib").setLevel(logging.WARNING)
+    mpl.use("Agg")
+    import matplotlib.pyplot as plt
+
+    return plt
+
+
+def _axes_of(maps: Sequence[RateMap]) -> tuple[list[int], list[float]]:
+    """Return the rates (every k-th scan) and the resolutions in cells/m, rising."""
+    return sorted({each.scan_every for each in maps}), sorted({each.cells_per_meter for each in maps})
+
+
+def _rate_name(each: RateMap) -> str:
+    share = "every scan" if each.scan_every == 1 else f"one scan in {each.scan_every}"
+    return f"T ≈ {each.rate_hz:.2f} Hz\n{share}"
+
+
+def _draw_rate_map(axes: Any, each: RateMap) -> None:
+    """Draw one map, pale, with steps (blue), closures (orange) and keyframes (dots)."""
+    extent = _extent(raster_of(each.grid))
+    shades = np.where(each.grid.known, 1.0 - 0.75 * each.grid.probability, 0.82)
+    axes.imshow(shades, cmap="gray", vmin=0, vmax=1, origin="lower", extent=extent, interpolation="nearest")
+    poses = each.graph.poses
+    for edges, color, width in ((each.graph.closures, "#f08a1e", 0.5), (each.graph.steps, "#1f5fb4", 0.5)):
+        ends = poses[edges]
+        line = np.full((len(edges), 3, 2), np.nan)
+        line[:, :2] = ends[:, :, :2]
+        axes.plot(line[:, :, 0].ravel(), line[:, :, 1].ravel(), color=color, lw=width)
+    axes.plot(poses[:, 0], poses[:, 1], ".", color="#1f5fb4", ms=1.0)
+    axes.set(xticks=[], yticks=[], xlim=extent[:2], ylim=extent[2:])
+    rows, cols = each.map_size
+    error = "" if each.error_m is None else f", error {each.error_m:.3f} m"
+    text = f"r = {each.cells_per_meter:g}, {rows}×{cols} cells, {each.scans} scans\nτ = {each.tau:.4f}{error}"
+    if each.failures:
+        text += "\nFAILED: " + _wrapped(each.failures)
+        for spine in axes.spines.values():
+            spine.set(color=_FAILED, linewidth=3)
+    axes.set_title(text, fontsize=9, color=_FAILED if each.failures else "black")
+
+
+def _wrapped(reasons: Sequence[str]) -> str:
+    """Return reasons, two a line at most."""
+    return ",\n".join(", ".join(reasons[first : first + 2]) for first in range(0, len(reasons), 2))

@@ -9,10 +9,12 @@ from pathlib import Path
 
 from drivers.errors import RecordingError
 from drivers.recording_reader import Recording
+from mapping.graph_slam import GraphState
 from mapping.slam import MappedScan
 from tools.config import Config, parse
+from tools.localisation import Localisation
 from tools.pipeline import LidarDecoding, MappingFlow, look_ahead
-from tools.results import Report, decoding_summary, new_run_folder, save_results
+from tools.results import Report, decoding_summary, lost_pieces, new_run_folder, save_results
 
 CONFIG_RECORD = "mapfuse.config"  # name of the metadata record that holds a run's configuration
 _PROGRESS_S = 5.0
@@ -31,9 +33,16 @@ def recorded_config(recording: Recording) -> Config:
 
 
 def replay_recording(
-    recording: Recording, config: Config, output: Path | None, *, on_progress: Callable[[str], None]
+    recording: Recording,
+    config: Config,
+    output: Path | None,
+    *,
+    on_progress: Callable[[str], None],
+    resume: GraphState | None = None,
+    save_state: bool = False,
+    map_file: Path | None = None,
 ) -> Report:
-    """Map the recording, save the results and return the report.
+    """Map the recording, going on from an earlier drive where one is given, save the results and return the report.
 
     Raises RecordingError where there is no lidar data in it; nothing is written then.
     """
@@ -46,18 +55,24 @@ def replay_recording(
     setup = look_ahead(recording.messages(scan_topic), config)
     on_progress(f"laser pose from {setup.mount_source}; order of samples: {setup.sweep.reason}")
     decoding = LidarDecoding()
-    flow = MappingFlow(config, setup.mount, sweep_reversed=setup.sweep.is_reversed)
+    flow = MappingFlow(config, setup.mount, sweep_reversed=setup.sweep.is_reversed, resume=resume)
     started = shown = time.monotonic()
     last: MappedScan | None = None
+    localisation = None if map_file is None else Localisation(map_file, setup.mount.pose[:2])
     for message in recording.messages(scan_topic):
         for decoded in decoding.feed(message):
             for mapped in flow.feed(decoded):
                 last = mapped
+                if localisation is not None:
+                    localisation.add(mapped)
         if time.monotonic() - shown > _PROGRESS_S:
             shown = time.monotonic()
             on_progress(f"{flow.scans} scans, {flow.mapper.trajectory.length_m:.1f} m driven")
     for mapped in flow.finish():
         last = mapped
+        if localisation is not None:
+            localisation.add(mapped)
+    flow.refine()
     _refuse_unmapped(recording, flow, last)
     for problem in recording.problems:
         on_progress(f"damaged recording: {problem}")
@@ -80,8 +95,12 @@ def replay_recording(
             },
             "sweep": {"reversed": setup.sweep.is_reversed, "reason": setup.sweep.reason},
             "decoder": decoding_summary(decoding.counters),
+            **({} if localisation is None else {"localisation": localisation.save(folder)}),
         },
+        save_state=save_state,
     )
+    for line in lost_pieces(report):
+        on_progress(line)
     on_progress(_summary(report, folder, time.monotonic() - started))
     return report
 

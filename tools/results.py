@@ -21,9 +21,10 @@ from drivers.messages import GridSnapshot
 from drivers.rplidar_decoder import DecoderCounters
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
+from mapping.slam_state import STATE_NAME, write_state
 from mapping.trajectory import write_tum
 from tools.errors import ToolError
-from tools.pictures import draw_map, write_picture
+from tools.pictures import draw_map, draw_pose_graph, write_picture
 from tools.pipeline import MappingFlow
 
 FloatArray = NDArray[np.float64]
@@ -74,8 +75,13 @@ def writing_to(place: Path) -> Iterator[None]:
         raise ToolError(f"{place}: cannot write results: {error.strerror or error}: name another place") from error
 
 
-def save_results(folder: Path, flow: MappingFlow, source: str, details: Mapping[str, object]) -> Report:
-    """Write map.yaml/.pgm/.npz/.png, trajectory.tum and report.json; return the report. Raises ToolError."""
+def save_results(
+    folder: Path, flow: MappingFlow, source: str, details: Mapping[str, object], *, save_state: bool = False
+) -> Report:
+    """Write map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum and report.json; return the report.
+
+    save_state: also slam_state.npz, from which another run can go on. Raises ToolError.
+    """
     grid, trajectory = flow.mapper.grid(), flow.mapper.trajectory
     span_s = float(np.ptp(trajectory.stamps_ns)) * 1e-9 if len(trajectory) else 0.0
     counters = asdict(flow.mapper.counters)
@@ -89,6 +95,7 @@ def save_results(folder: Path, flow: MappingFlow, source: str, details: Mapping[
             "end": _pose_summary(trajectory.poses[-1]) if len(trajectory) else None,
         },
         "map": _map_summary(grid),
+        "slam": _slam_summary(flow),
         "timing": _timing(flow.seconds, span_s),
         **details,
     }
@@ -96,10 +103,26 @@ def save_results(folder: Path, flow: MappingFlow, source: str, details: Mapping[
         write_map(folder / "map", grid, provenance={"source": source})
         write_tum(folder / "trajectory.tum", trajectory)
         write_picture(folder / "map.png", draw_map(grid, trajectory))
+        write_picture(folder / "pose_graph.png", draw_pose_graph(grid, flow.mapper.graph.pose_graph()))
+        if save_state and len(flow.mapper.graph.keyframe_poses):
+            write_state(folder / STATE_NAME, flow.mapper.graph.state())
         partial = folder / "report.json.part"
         partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
         partial.replace(folder / "report.json")
     return report
+
+
+def lost_pieces(report: Report) -> list[str]:
+    """Return a line for each piece of the drive that tracking lost and no loop closure could place in the map."""
+    lines = []
+    for number, piece in enumerate(report["slam"]["segments"]):
+        if not piece["in_map"]:
+            where = "from the beginning" if number == 0 else "where tracking was lost"
+            seconds = (piece["end_ns"] - piece["start_ns"]) * 1e-9
+            lines.append(
+                f"not in the map: {piece['scans']} scans in {seconds:.0f} s, {where} at {piece['start_ns'] * 1e-9:.3f}"
+            )
+    return lines
 
 
 def decoding_summary(streams: Sequence[DecoderCounters]) -> Report:
@@ -130,6 +153,28 @@ def _map_summary(grid: OccupancyGrid) -> Report:
         "height_m": round(rows * grid.resolution_m, 3),
         "free_m2": round(float(grid.free.sum()) * grid.resolution_m**2, 2),
         "occupied_cells": int(grid.occupied.sum()),
+    }
+
+
+def _slam_summary(flow: MappingFlow) -> Report:
+    """Return what loop closure and refinement did, and where tracking was lost."""
+    graph = flow.mapper.graph
+    return {
+        "keyframes": len(graph.keyframe_poses),
+        "closures": len(graph.closures),
+        **asdict(graph.counters),
+        "refined": flow.refined,
+        "finish_s": round(flow.finish_s, 3),
+        "refine_s": round(flow.refine_s, 3),
+        "segments": [
+            {
+                "start_ns": segment.start_ns,
+                "end_ns": segment.end_ns,
+                "scans": segment.scans,
+                "in_map": segment.in_map,
+            }
+            for segment in graph.segments()
+        ],
     }
 
 

@@ -9,12 +9,21 @@ from contextlib import contextmanager
 from types import FrameType
 
 
+class Stop(threading.Event):
+    """Set by the first signal; `asked` counts them all, since a second one asks to leave out what can be left out."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = 0
+
+
 @contextmanager
-def stop_on_signals() -> Iterator[threading.Event]:
+def stop_on_signals() -> Iterator[Stop]:
     """Yield an event that SIGINT and SIGTERM set; the former handlers return at the end. Main thread only."""
-    stop = threading.Event()
+    stop = Stop()
 
     def handle(_number: int, _frame: FrameType | None) -> None:
+        stop.asked += 1
         stop.set()
 
     former = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}

@@ -103,7 +103,7 @@ class SimulatedLidar:
         if self._start_ns is None:
             self._start_ns = int(times_ns[0]) + self._start_delay_ns
         since_start = times_ns - self._start_ns + self._truth.stamps_ns[0]
-        sensor = se2.compose(self._truth.at(since_start), self._mount.pose)
+        sensor = se2.compose(_around(self._truth, since_start).at(since_start), self._mount.pose)
         bearings = theta_cw_rad if self._mount.inverted else -theta_cw_rad
         ranges = self._world.ranges(sensor, bearings, self._max_range_m)
         offset, share = self._noise
@@ -111,3 +111,11 @@ class SimulatedLidar:
         seen = (ranges > 0.0) & (self._random.random(len(ranges)) >= self._dropout)
         measured: FloatArray = np.where(seen, np.maximum(noisy, 0.0), 0.0)
         return measured
+
+
+def _around(drive: Trajectory, times_ns: NDArray[np.int64]) -> Trajectory:
+    """Return the part of a drive that decides where the car is at the times, so that long drives cost no more."""
+    first = max(int(np.searchsorted(drive.stamps_ns, times_ns.min())) - 1, 0)
+    last = int(np.searchsorted(drive.stamps_ns, times_ns.max(), side="right")) + 1
+    first = min(first, len(drive) - 1)
+    return Trajectory(drive.stamps_ns[first:last], drive.poses[first:last])

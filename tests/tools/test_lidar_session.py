@@ -15,13 +15,14 @@ from tools.config import ConfigError, parse
 from tools.emulation import Drive, simulated_lidar
 from tools.lidar_session import run_session
 from tools.replay_run import recorded_config, replay_recording
+from tools.signals import Stop
 
 
 def live_run(folder, config):
     """Map for three seconds a lidar that turns already: its first samples come with the answer to the scan request."""
     drive = Drive.tour("office")
     emulator = RplidarEmulator(A2M8, simulated_lidar("office", drive, noise=True, seed=3), startup_s=-0.2)
-    stop = threading.Event()
+    stop = Stop()
     timer = threading.Timer(4.0, stop.set)
     folder.mkdir()
     with PtyPort(emulator, A2M8.baud) as port:
@@ -52,6 +53,6 @@ def test_wheels_are_refused_before_the_port_is_opened(tmp_path):
             "nowhere",
             parse({"odometry": {"source": "wheel"}}, "test"),
             lambda: tmp_path,
-            threading.Event(),
+            Stop(),
             record=True,
         )

@@ -64,8 +64,8 @@ def test_run_ends_when_asked_to_and_maps_what_was_on_the_way():
 def test_each_mapped_pose_is_put_out_as_a_transform():
     _, put, mapped = run(ScriptedLidar([scan(n) for n in range(4)]), until=4)
     transforms = [message for message in put if isinstance(message, Transform)]
-    assert [transform.stamp_ns for transform in transforms] == [one.stamp_ns for one in mapped]
-    assert {(transform.parent, transform.child) for transform in transforms} == {("odom", "base_link")}
+    frames = [(transform.stamp_ns, transform.parent, transform.child) for transform in transforms]
+    assert frames == [(one.stamp_ns, *edge) for one in mapped for edge in (("map", "odom"), ("odom", "base_link"))]
 
 
 def test_lost_device_ends_the_run_with_all_scans_mapped():

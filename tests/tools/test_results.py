@@ -32,7 +32,7 @@ def flow_of_one_scan():
 def test_results_of_a_run_are_all_there(tmp_path):
     report = save_results(tmp_path, flow_of_one_scan(), "somewhere", {"more": 1})
     names = {file.name for file in tmp_path.iterdir()}
-    assert names == {"map.yaml", "map.pgm", "map.npz", "map.png", "trajectory.tum", "report.json"}
+    assert names == {"map.yaml", "map.pgm", "map.npz", "map.png", "pose_graph.png", "trajectory.tum", "report.json"}
     assert json.loads((tmp_path / "report.json").read_text()) == report
     assert report["scans"]["mapped"] == 1
     assert report["more"] == 1

@@ -1,16 +1,46 @@
-"""`mapfuse-robot bench`: speed and memory, beside a bound."""
+"""`mapfuse-robot bench`: speed and memory, beside a bound or peers."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from tools.commands.options import ConfigFile, Json, load_config, print_json
 
 
-def bench(
+class _RecordingOrCommand(TyperGroup):
+    """Takes `bench FILE` for `bench pipeline FILE`."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that the first argument names, else the one that a recording is for."""
+        is_command = bool(args) and self.get_command(ctx, args[0]) is not None
+        return super().resolve_command(ctx, args if is_command else ["pipeline", *args])
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Leave options that are not the group's to the command: `bench --json FILE`."""
+        if args and args[0].startswith("-") and args[0] not in ctx.help_option_names:
+            args = ["pipeline", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=_RecordingOrCommand,
+    help="Measure speed and memory. `bench FILE` is short for `bench pipeline FILE`.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+
+@app.callback()
+def benches() -> None:
+    """Measure speed and memory. `bench FILE` is short for `bench pipeline FILE`."""
+
+
+@app.command()
+def pipeline(
     recording: Annotated[
         Path, typer.Argument(metavar="FILE", help="A recording: MCAP, .db3, or the folder of a ROS 2 bag.")
     ],

@@ -24,6 +24,22 @@ OutputFolder = Annotated[
 ]
 ResolutionM = Annotated[float | None, typer.Option("--resolution", metavar="M", help="Metres a map cell.")]
 CellsPerMeter = Annotated[float | None, typer.Option("--cells-per-meter", metavar="N", help="The same, inverted.")]
+Resume = Annotated[
+    Path | None,
+    typer.Option(
+        "--resume",
+        metavar="DIR",
+        help="Go on with the map of an earlier run's folder; until the car is recognised there, its way stays apart.",
+    ),
+]
+MapFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--map",
+        metavar="MAP",
+        help="Find the car on this saved or fused map (.yaml, .npz), with no hint where it is, and follow it there.",
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the random samples; same seed, same result.")]
 

@@ -13,8 +13,10 @@ from tools.commands.options import (
     CellsPerMeter,
     ConfigFile,
     Json,
+    MapFile,
     OutputFolder,
     ResolutionM,
+    Resume,
     load_config,
     print_json,
 )
@@ -45,23 +47,49 @@ def replay(
         OdometrySource | None,
         typer.Option(help="Poses from scan matching (kiss), or from the recorded wheels alone. [default: kiss]"),
     ] = None,
+    loop_closure: Annotated[
+        bool | None, typer.Option("--loop-closure/--no-loop-closure", help="Look for places seen before.")
+    ] = None,
+    refine: Annotated[
+        bool | None, typer.Option("--refine/--no-refine", help="Match all keyframes with each other at the end.")
+    ] = None,
+    scan_every: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Map only every N-th scan (the thesis's scan rate).")
+    ] = None,
+    map_file: MapFile = None,
+    resume: Resume = None,
+    save_state: Annotated[
+        bool, typer.Option("--save-state", help="Also write slam_state.npz, which --resume goes on from.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Map a recording: the same flow as `run`, as fast as it goes.
 
-    Writes map.yaml/.pgm/.npz/.png, trajectory.tum and report.json. A recording of `run` or `record` is mapped with the
-    configuration that was recorded with it, unless --config is given. Exit code 3: the recording is damaged, and was
-    mapped as far as it goes.
+    Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum and report.json. A recording of `run` or `record` is
+    mapped with the configuration that was recorded with it, unless --config is given. Exit code 3: the recording is
+    damaged, and was mapped as far as it goes; or tracking was lost and a piece of the drive has no place in the map.
     """
     from drivers.recording_reader import open_recording
+    from mapping.slam_state import read_state
     from tools.replay_run import recorded_config, replay_recording
-    from tools.results import check_run_folder
+    from tools.results import check_run_folder, lost_pieces
 
     check_run_folder(output)
     with open_recording(recording) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
         config = config.with_resolution(resolution, cells_per_meter).with_odometry(odometry.value if odometry else None)
-        report = replay_recording(opened, config, output, on_progress=log.info)
+        config = config.with_slam(loop_closure=loop_closure, refine=refine, scan_every=scan_every)
+        report = replay_recording(
+            opened,
+            config,
+            output,
+            on_progress=log.info,
+            resume=read_state(resume) if resume else None,
+            save_state=save_state,
+            map_file=map_file,
+        )
     if as_json:
         print_json(report)
-    raise typer.Exit(ExitCode.PARTIAL if report["truncated"] or report["problems"] else ExitCode.OK)
+    raise typer.Exit(
+        ExitCode.PARTIAL if report["truncated"] or report["problems"] or lost_pieces(report) else ExitCode.OK
+    )

@@ -12,8 +12,10 @@ from tools.commands.options import (
     ConfigFile,
     Json,
     LidarPort,
+    MapFile,
     OutputFolder,
     ResolutionM,
+    Resume,
     load_config,
     print_json,
 )
@@ -29,22 +31,30 @@ def run(
     resolution: ResolutionM = None,
     cells_per_meter: CellsPerMeter = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="Record every byte of the sensor.")] = True,
+    map_file: MapFile = None,
+    resume: Resume = None,
     as_json: Json = False,
 ) -> None:
     """Map live until Ctrl-C (or SIGTERM), which saves everything.
 
-    Writes map.yaml/.pgm/.npz/.png, trajectory.tum, report.json and recording.mcap. Exit code 4: the lidar is missing,
-    silent, busy or faulty, or was lost on the way (all that came is saved); 3: scans were dropped, or the recording has
-    gaps.
+    Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum, report.json, recording.mcap and slam_state.npz, from
+    which --resume goes on; then refines the map and writes it again (Ctrl-C once more leaves that out). Exit code 4:
+    the lidar is missing, silent, busy or faulty, or was lost on the way (all that came is saved); 3: scans were
+    dropped, the recording has gaps, or a piece of the drive has no place in the map.
     """
+    from mapping.map_io import read_map
+    from mapping.slam_state import read_state
     from tools.lidar_session import run_session, session_is_whole
     from tools.results import check_run_folder, new_run_folder
     from tools.signals import stop_on_signals
 
     config = load_config(config_file, resolution, cells_per_meter)
     check_run_folder(output)
+    earlier = read_state(resume) if resume else None
+    if map_file is not None:
+        read_map(map_file)  # before the lidar starts: a bad file must not cost a drive
     with stop_on_signals() as stop:
-        report, fault = run_session(lidar, config, lambda: new_run_folder(output), stop, record=record)
+        report, fault = run_session(lidar, config, lambda: new_run_folder(output), stop, record=record, resume=earlier)
     if as_json:
         print_json(report)
     if fault is not None:

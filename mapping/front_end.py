@@ -1,0 +1,443 @@
+"""The front end: scan by scan, where the robot is relative to where it was, and which scans become keyframes.
+
+kiss-icp matches each scan to the local map from a guess by wheel odometry or constant velocity; a scan that has moved
+on becomes a keyframe and is refined point to line on its predecessors. A match that contradicts what the last keyframes
+saw is weak: then a wide correlative search looks for the robot around the guess, and where that fails for long,
+tracking is lost and a new segment begins, whose place in the map is unknown until a loop closure tells.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.messages import LaserScan, Odometry
+from mapping import se2
+from mapping.correlation import SearchWindow, likelihood_field, search
+from mapping.deskew import deskew, reference_offset_s
+from mapping.keyframes import Clouds, KeyframeStore
+from mapping.odometry import LidarOdometry, OdometrySettings, ScanMatch
+from mapping.scan_matching import Agreement, Group, group_agreement, match_groups
+from mapping.surface import surface_of
+from mapping.wheel_odometry import WheelOdometry
+
+FloatArray = NDArray[np.float64]
+
+_SECTORS = 36  # of 10 deg
+_LEAST_SECTORS = 12  # a turn with gaps is mapped if samples fall into a third of the circle
+_SCANS_TO_STEP_BACK = 3
+_MOST_WRONG_STAMPS = 2
+_CLEARLY_MORE = 1.1  # hits of a match that takes another's place
+_LONGEST_EXTRAPOLATION_S = 0.5  # so long after the last match its velocity says nothing any more
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Mount:
+    """Where the laser sits on the body: a pose (x, y, yaw) in base_link; inverted for one that hangs upside down."""
+
+    pose: FloatArray = field(default_factory=lambda: np.zeros(3))
+    inverted: bool = False
+
+    def to_body(self, angles_rad: FloatArray, ranges_m: FloatArray) -> FloatArray:
+        """Return samples (N,) given in the laser frame as points (N, 2) in base_link."""
+        side = -1.0 if self.inverted else 1.0
+        local = np.column_stack([ranges_m * np.cos(angles_rad), side * ranges_m * np.sin(angles_rad)])
+        return se2.transform_points(self.pose, local)
+
+
+@dataclass(frozen=True, slots=True)
+class KeyframeSettings:
+    """Which scans become keyframes, and how they are held to their predecessors.
+
+    A keyframe comes every distance_m or turn_rad. It is refined on up to `predecessors` ones within reach_m, held by
+    the scan match with prior_m and prior_rad (standard deviations): that keeps a corridor from sliding. A match is weak
+    with a smaller share of hits than weak_share where the last keyframes saw, or with fewer hits than weak_overlap of
+    the samples. One that is farther than surprise_m or surprise_rad from the guess, or follows a weak one, needs the
+    sure_share: a robot that was carried to a place that looks alike finds walls there too, but not where the wheels say
+    and not as many. With less than sound_share a match gives way to a clearly better one. That is looked for around the
+    guess, rescue_m and rescue_rad far and more for every second since the last match; after lost_s without a match
+    tracking is lost.
+    """
+
+    distance_m: float = 0.25
+    turn_rad: float = 0.175
+    predecessors: int = 10
+    reach_m: float = 5.0
+    prior_m: float = 0.03
+    prior_rad: float = 0.01
+    sound_share: float = 0.85
+    weak_share: float = 0.6
+    weak_overlap: float = 0.15
+    surprise_m: float = 0.15
+    surprise_rad: float = 0.12
+    sure_share: float = 0.87
+    rescue_m: float = 1.0
+    rescue_m_per_s: float = 1.0
+    most_rescue_m: float = 3.0
+    rescue_rad: float = 1.0
+    rescue_rad_per_s: float = 1.5
+    rescue_score: float = 0.55
+    rescue_rival: float = 0.9
+    lost_s: float = 3.0
+    lost_scans: int = 10
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeyframeLink:
+    """A new keyframe: its number, its pose (3,) in the one before, with the information (3, 3) in its own frame.
+
+    connected False: the first keyframe, or the first after tracking was lost; pose and information mean nothing then.
+    """
+
+    number: int
+    T_previous_this: FloatArray
+    information: FloatArray
+    connected: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedScan:
+    """A scan with its pose (match.pose) in the odom frame at stamp_ns, the middle of the turn.
+
+    points (N, 2) are de-skewed, in the body frame; keyframe is set where the scan has become one. retracted: so many
+    scans before this one had stamps from the future and are taken back.
+    """
+
+    stamp_ns: int
+    match: ScanMatch
+    points: FloatArray
+    wheel_guess: bool
+    keyframe: KeyframeLink | None
+    retracted: int = 0
+
+
+@dataclass(slots=True)
+class MappingCounters:
+    """What became of the scans."""
+
+    mapped: int = 0
+    unmatched: int = 0
+    skipped_partial: int = 0
+    skipped_out_of_order: int = 0
+    wheel_guesses: int = 0
+    rescued: int = 0
+    lost: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class FrontEndSettings:
+    """Settings of the parts, and how long a scan waits for wheel odometry."""
+
+    odometry: OdometrySettings = OdometrySettings()
+    keyframes: KeyframeSettings = KeyframeSettings()
+    use_wheel_odometry: bool = True
+    wheels_only: bool = False
+    wheel_wait_s: float = 0.5
+
+
+class FrontEnd:
+    """Holds the local map, the keyframes' surfaces and the motion from scan to scan."""
+
+    def __init__(self, settings: FrontEndSettings, mount: Mount) -> None:
+        self.mount = mount
+        self.counters = MappingCounters()
+        self.keyframes = KeyframeStore(mount.pose[:2])
+        self._settings = settings
+        self._odometry = LidarOdometry(settings.odometry)
+        self._wheels = WheelOdometry()
+        self._waiting: deque[LaserScan] = deque()
+        self._chain: list[FloatArray] = []  # the keyframes' refined poses, each held to those before it
+        self._keyframe_odom = se2.IDENTITY  # where the scan match had put the last keyframe
+        self._segment_start = 0
+        self._last: tuple[int, FloatArray] | None = None  # stamp and pose of the last scan
+        self._earlier: deque[tuple[int, FloatArray]] = deque(maxlen=_MOST_WRONG_STAMPS)  # and of those before
+        self._retracted = 0
+        self._twist = np.zeros(3)
+        self._behind = 0
+        self._matched_ns = 0  # stamp of the last pose that a match gave
+        self._unmatched_in_a_row = 0
+
+    def resume(self) -> None:
+        """Take the keyframes that are there by now for those of an earlier drive: a new segment follows them."""
+        self._chain = [se2.IDENTITY] * len(self.keyframes)
+        self._segment_start = len(self._chain)
+
+    def add_odometry(self, message: Odometry) -> list[TrackedScan]:
+        """Take in wheel odometry; return the scans that had waited for it."""
+        if not self._settings.use_wheel_odometry:
+            return []
+        self._wheels.add(message)
+        return self._track_ready(message.stamp_ns)
+
+    def add_scan(self, scan: LaserScan) -> list[TrackedScan]:
+        """Take in a scan; return what could be tracked: it waits while wheel odometry for its time is on the way."""
+        self._waiting.append(scan)
+        return self._track_ready(_end_ns(scan))
+
+    def finish(self) -> list[TrackedScan]:
+        """Track what still waits; call once after the last message."""
+        return [tracked for _ in range(len(self._waiting)) for tracked in self._track(self._waiting.popleft())]
+
+    def _track_ready(self, now_ns: int) -> list[TrackedScan]:
+        """Track the waiting scans whose odometry is there, or has not come within wheel_wait_s of message time."""
+        tracked: list[TrackedScan] = []
+        while self._waiting and not self._is_awaited(_end_ns(self._waiting[0]), now_ns):
+            tracked += self._track(self._waiting.popleft())
+        return tracked
+
+    def _is_awaited(self, end_ns: int, now_ns: int) -> bool:
+        """Whether wheel odometry up to end_ns may still come: it flows, and has not been waited for too long."""
+        latest_ns, wait_ns = self._wheels.latest_ns, self._settings.wheel_wait_s * 1e9
+        if latest_ns is None or latest_ns >= end_ns:
+            return False
+        return end_ns - latest_ns <= 2 * wait_ns and now_ns - end_ns <= wait_ns
+
+    def _track(self, scan: LaserScan) -> list[TrackedScan]:
+        """Predict, de-skew, match, doubt, learn."""
+        if not scan.complete and (self._waits_for_a_whole_turn() or _seen_sectors(scan) < _LEAST_SECTORS):
+            self.counters.skipped_partial += 1
+            return []
+        reference_s = reference_offset_s(scan.offsets_s)
+        stamp_ns = scan.stamp_ns + round(reference_s * 1e9)
+        if self._is_out_of_order(stamp_ns):
+            self.counters.skipped_out_of_order += 1
+            return []
+        valid = scan.valid
+        raw = self.mount.to_body(scan.angles_rad[valid], scan.ranges_m[valid])
+        offsets = scan.offsets_s[valid]
+        guess, twist, from_wheels = self._predict(scan, stamp_ns)
+        points = deskew(raw, offsets, reference_s, twist)
+        if self._settings.wheels_only:
+            known = from_wheels or self._last is None
+            match = ScanMatch(guess, se2.IDENTITY, accepted=known, reason="" if known else "no wheel odometry")
+        else:
+            match = self._odometry.match(points, guess)
+            if self._last is not None and match.accepted and offsets.any():
+                twist = self._twist_to(match.pose, stamp_ns)
+                points = deskew(raw, offsets, reference_s, twist)
+                match = self._odometry.match(points, match.pose)
+        return [self._enter(stamp_ns, match, guess, points, from_wheels=from_wheels)]
+
+    def _waits_for_a_whole_turn(self) -> bool:
+        """Whether to begin with the next scan: the first is the map's frame, and a lidar's first turn begins anywhere.
+
+        A lidar that gives no whole turns is mapped all the same.
+        """
+        return self._last is None and self.counters.skipped_partial == 0
+
+    def _is_out_of_order(self, stamp_ns: int) -> bool:
+        """Whether a scan is older than the last one; after a few of them it was the last one's stamp that was wrong."""
+        if self._last is None or stamp_ns > self._last[0]:
+            self._behind = 0
+            return False
+        self._behind += 1
+        sound = [number for number, (earlier_ns, _) in enumerate(self._earlier) if earlier_ns < stamp_ns]
+        if self._behind < _SCANS_TO_STEP_BACK or not sound:
+            return True  # without a sound one the clock has stepped back: wait until it has caught up
+        self._retracted = len(self._earlier) - sound[-1]
+        self._last = self._earlier[sound[-1]]
+        while len(self._earlier) > sound[-1]:
+            self._earlier.pop()
+        self.counters.mapped -= self._retracted
+        self.counters.skipped_out_of_order += self._retracted
+        self._behind, self._twist, self._matched_ns = 0, np.zeros(3), self._last[0]
+        return False
+
+    def _predict(self, scan: LaserScan, stamp_ns: int) -> tuple[FloatArray, FloatArray, bool]:
+        """Return guessed pose, twist during the scan, and whether wheel odometry gave them."""
+        first_ns, last_ns = scan.stamp_ns, _end_ns(scan)
+        if self._last is None:
+            return se2.IDENTITY, np.zeros(3), False
+        previous_ns, previous = self._last
+        if self._wheels.covers(min(previous_ns, first_ns), last_ns):
+            guess = se2.compose(previous, self._wheels.motion(previous_ns, stamp_ns))
+            sweep_s = (last_ns - first_ns) * 1e-9
+            twist = se2.log(self._wheels.motion(first_ns, last_ns)) / sweep_s if sweep_s > 0 else np.zeros(3)
+            return guess, twist, True
+        return self._going_on(stamp_ns), self._twist, False
+
+    def _going_on(self, stamp_ns: int) -> FloatArray:
+        """Return the pose (3,) that the last velocity leads to, as long as it means anything."""
+        assert self._last is not None
+        previous_ns, previous = self._last
+        left_s = _LONGEST_EXTRAPOLATION_S - (previous_ns - self._matched_ns) * 1e-9
+        elapsed_s = min((stamp_ns - previous_ns) * 1e-9, max(left_s, 0.0))
+        return se2.compose(previous, se2.exp(self._twist * elapsed_s))
+
+    def _twist_to(self, pose: FloatArray, stamp_ns: int) -> FloatArray:
+        """Return the mean twist (3,) from the last scan's pose to this one."""
+        assert self._last is not None
+        elapsed_s = (stamp_ns - self._last[0]) * 1e-9
+        return se2.log(se2.between(self._last[1], pose)) / elapsed_s
+
+    def _enter(
+        self, stamp_ns: int, match: ScanMatch, guess: FloatArray, points: FloatArray, *, from_wheels: bool
+    ) -> TrackedScan:
+        """Doubt the match, make a keyframe where one is due, and let the local map learn."""
+        number = self.keyframes.add(surface_of(points, self.mount.pose[:2]))
+        if not self._settings.wheels_only and len(self._chain) > self._segment_start:
+            match = self._doubted(number, match, guess, points, stamp_ns, from_wheels=from_wheels)
+        self.counters.wheel_guesses += from_wheels
+        lost = not match.accepted and self._is_lost(stamp_ns, points)
+        link = self._link(number, match.pose) if match.accepted or lost else None
+        if link is None:
+            self.keyframes.remove_last()
+        else:
+            self._chain.append(se2.compose(self._chain[-1], link.T_previous_this) if link.connected else match.pose)
+            self._keyframe_odom = match.pose
+        if match.accepted or lost:
+            self._unmatched_in_a_row = 0
+            self.counters.mapped += 1
+            if self._last is not None and not lost:
+                self._twist = self._twist_to(match.pose, stamp_ns)
+            self._matched_ns = stamp_ns
+            self._odometry.learn(points, match.pose)
+        else:
+            self._unmatched_in_a_row += 1
+            self.counters.unmatched += 1
+        if self._last is not None:
+            self._earlier.append(self._last)
+        self._last = (stamp_ns, match.pose)
+        retracted, self._retracted = self._retracted, 0
+        return TrackedScan(stamp_ns, match, points, from_wheels, link, retracted)
+
+    def _doubted(
+        self, number: int, match: ScanMatch, guess: FloatArray, points: FloatArray, stamp_ns: int, *, from_wheels: bool
+    ) -> ScanMatch:
+        """Return the match if it agrees with what the last keyframes saw, else a better, a rescued or a refused one.
+
+        After a gap the guess may be far off, and in a corridor a match at the wrong place agrees with most of the
+        walls: then it has to stand against the best one of the search.
+        """
+        limits, clouds = self._settings.keyframes, self.keyframes.snapshot()
+        recent = self._recent(self._in_chain(guess), limits.predecessors)
+        elapsed_s = (stamp_ns - self._matched_ns) * 1e-9
+        agreed = _agreement(clouds, number, self._in_chain(match.pose), recent)
+        surprising = self._unmatched_in_a_row > 0 or _is_surprising(se2.between(guess, match.pose), limits)
+        is_usable = match.accepted and not _is_weak(agreed, limits, surprising=surprising)
+        after_gap = not from_wheels and elapsed_s > _LONGEST_EXTRAPOLATION_S
+        if is_usable and agreed.hit_share >= limits.sound_share and not after_gap:
+            return match
+        if from_wheels:  # that stall or jump mislead more than none would
+            going_on = self._odometry.match(points, self._going_on(stamp_ns))
+            steady = _agreement(clouds, number, self._in_chain(going_on.pose), recent)
+            is_better = not is_usable or steady.hits > _CLEARLY_MORE * agreed.hits
+            if going_on.accepted and is_better and not _is_weak(steady, limits, surprising=True):
+                return going_on
+        window = SearchWindow(
+            min(limits.rescue_m + limits.rescue_m_per_s * elapsed_s, limits.most_rescue_m),
+            min(limits.rescue_rad + limits.rescue_rad_per_s * elapsed_s, np.pi),
+        )
+        rescued = _rescue(clouds, number, self._in_chain(guess), recent, window, limits)
+        if rescued is not None and (
+            not is_usable or _agreement(clouds, number, rescued, recent).hits > _CLEARLY_MORE * agreed.hits
+        ):
+            self.counters.rescued += 1
+            pose = se2.compose(self._keyframe_odom, se2.between(self._chain[-1], rescued))
+            return ScanMatch(pose, se2.between(guess, pose), accepted=True)
+        if is_usable:
+            return match
+        reason = match.reason or "it contradicts what was seen before, and nothing better was found nearby"
+        return ScanMatch(guess, match.correction, accepted=False, reason=reason)
+
+    def _is_lost(self, stamp_ns: int, points: FloatArray) -> bool:
+        """Whether to give up and begin a new segment with this scan."""
+        limits = self._settings.keyframes
+        if self._settings.wheels_only or len(points) < self._settings.odometry.min_points:
+            return False
+        long = (stamp_ns - self._matched_ns) * 1e-9 > limits.lost_s
+        if not (long and self._unmatched_in_a_row >= limits.lost_scans):
+            return False
+        self.counters.lost += 1
+        self._odometry = LidarOdometry(self._settings.odometry)
+        self._segment_start = len(self._chain)
+        self._twist = np.zeros(3)
+        return True
+
+    def _link(self, number: int, pose: FloatArray) -> KeyframeLink | None:
+        """Return the link of a new keyframe at an odom pose (3,); None where none is due."""
+        limits = self._settings.keyframes
+        if len(self._chain) == self._segment_start:
+            return KeyframeLink(number, se2.IDENTITY, np.zeros((3, 3)), connected=False)
+        moved = se2.between(self._keyframe_odom, pose)
+        if np.hypot(moved[0], moved[1]) < limits.distance_m and abs(moved[2]) < limits.turn_rad:
+            return None
+        prior = np.diag([limits.prior_m**-2.0, limits.prior_m**-2.0, limits.prior_rad**-2.0])
+        if self._settings.wheels_only:
+            return KeyframeLink(number, moved, prior, connected=True)
+        near = self._recent(self._in_chain(pose), limits.predecessors)
+        base = self._chain[-1]
+        fixed = Group(near.keyframes, se2.between(base, near.poses))
+        match = match_groups(self.keyframes.snapshot(), _single(number), fixed, moved, (0.3, 0.2, 0.1), prior=prior)
+        return KeyframeLink(number, match.pose, match.information_with(prior), connected=True)
+
+    def _in_chain(self, pose: FloatArray) -> FloatArray:
+        """Return an odom pose (3,) as the refined chain of keyframes sees it."""
+        return se2.compose(self._chain[-1], se2.between(self._keyframe_odom, pose))
+
+    def _recent(self, pose: FloatArray, most: int) -> Group:
+        """Return the last keyframes of this segment near a pose in the chain; the last is always among them."""
+        first = max(self._segment_start, len(self._chain) - most)
+        numbers = np.arange(first, len(self._chain), dtype=np.int64)
+        poses = np.array(self._chain[first:])
+        distance = np.hypot(*(poses[:, :2] - pose[:2]).T)
+        near = distance <= self._settings.keyframes.reach_m
+        near[-1] = True
+        return Group(numbers[near], poses[near])
+
+
+def _single(number: int) -> Group:
+    return Group(np.array([number], dtype=np.int64), np.zeros((1, 3)))
+
+
+def _agreement(clouds: Clouds, number: int, pose: FloatArray, recent: Group) -> Agreement:
+    """Return what a scan at a pose and the last, the third and the sixth last keyframe say of each other."""
+    some = Group(recent.keyframes[::-3][:3], recent.poses[::-3][:3])
+    return group_agreement(clouds, _single(number), some, pose, 0.15, stride=2)
+
+
+def _is_weak(agreement: Agreement, limits: KeyframeSettings, *, surprising: bool) -> bool:
+    least_share = limits.sure_share if surprising else limits.weak_share
+    return agreement.hit_share < least_share or agreement.overlap < limits.weak_overlap
+
+
+def _is_surprising(correction: FloatArray, limits: KeyframeSettings) -> bool:
+    """Whether a match is so far from the guess that it must agree all the better with what was seen before."""
+    return bool(np.hypot(correction[0], correction[1]) > limits.surprise_m or abs(correction[2]) > limits.surprise_rad)
+
+
+def _rescue(
+    clouds: Clouds, number: int, guess: FloatArray, recent: Group, window: SearchWindow, limits: KeyframeSettings
+) -> FloatArray | None:
+    """Search around the guess for the pose (3,) in the odom frame at which the scan agrees with the last keyframes."""
+    known = np.vstack(
+        [
+            se2.transform_points(pose, clouds.points_of(int(each)))
+            for each, pose in zip(recent.keyframes, recent.poses, strict=True)
+        ]
+    )
+    points = clouds.points_of(number)
+    if len(known) == 0 or len(points) == 0:
+        return None
+    field = likelihood_field(known, 0.05, 0.1)
+    thinned = points[:: max(1, len(points) // 200)]
+    peak = search(field, thinned, guess, window, least_score=limits.rescue_score, rival_apart_m=0.6)
+    if peak is None or peak.rival > limits.rescue_rival * peak.score:
+        return None
+    match = match_groups(clouds, _single(number), recent, peak.pose, (0.2, 0.15, 0.1))
+    agreed = _agreement(clouds, number, match.pose, recent)
+    return None if _is_weak(agreed, limits, surprising=True) else match.pose
+
+
+def _end_ns(scan: LaserScan) -> int:
+    """Return the time of a scan's last sample."""
+    return scan.stamp_ns + round(float(scan.offsets_s.max(initial=0.0)) * 1e9)
+
+
+def _seen_sectors(scan: LaserScan) -> int:
+    """Return the number of sectors of the circle in which a scan has samples, measurements or not."""
+    sectors = np.floor(scan.angles_rad / (2.0 * np.pi) * _SECTORS).astype(np.int64) % _SECTORS
+    return len(np.unique(sectors))

@@ -1,0 +1,222 @@
+"""How well do seen points fit a saved map at a pose: refinement below a cell, and what speaks for and against it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mapping import se2
+from mapping.reference_map import FAR_M, UNKNOWN, WALL, Distances, ReferenceMap, States
+
+FloatArray = NDArray[np.float64]
+
+_HIT_M = 0.15  # a point so near a wall is on it
+_AGAINST_M = 0.30  # one so far from every wall, in the map's free space, contradicts it
+_BEHIND_M = 0.25  # a ray that comes out of a wall by so much went through it
+_RANGE_M = 0.05  # standard deviation of a point's distance to the map's wall
+_NORMAL_RAD = 0.2  # scatter of the walls' directions on a grid
+_STEP_M, _STEP_RAD = 0.3, 0.1  # of one iteration at the most
+_DEPENDENT = 10.0  # neighbouring points err alike: so many count as one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """A refined pose (3,), and the normal matrix (3, 3) of x, y in m and yaw in rad, about the pose's own origin.
+
+    hits: share of the points (as many as `points`) that lie on walls.
+    """
+
+    pose: FloatArray
+    information: FloatArray
+    hits: float
+    points: int
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What points seen along a drive say about a pose, as numbers of points.
+
+    hits lie on walls, astray in free space, far from any wall; near are between; unknown lie where the map knows
+    nothing; through (of any of these) were seen by a ray that crossed a wall of the map.
+    """
+
+    points: int
+    hits: int
+    near: int
+    astray: int
+    unknown: int
+    through: int
+
+    @property
+    def known(self) -> int:
+        """Points that lie where the map knows something."""
+        return self.points - self.unknown
+
+    @property
+    def hit_share(self) -> float:
+        """Share of the known points on walls, 0 without any."""
+        return self.hits / self.known if self.known else 0.0
+
+    @property
+    def contradiction(self) -> float:
+        """Points in free space as a share of the known ones, plus those seen through walls as a share of all."""
+        return self.astray / self.known + self.through / self.points if self.known else 0.0
+
+
+def refine(
+    reference: ReferenceMap,
+    points: FloatArray,
+    pose: FloatArray,
+    *,
+    scales_m: tuple[float, ...] = (0.4, 0.3, 0.25, 0.2, 0.16, 0.13, 0.1, 0.1, 0.1, 0.1, 0.1),
+    prior: FloatArray | None = None,
+) -> Fit:
+    """Return the pose in the grid's frame near `pose` (3,) at which the points (N, 2) lie best on walls.
+
+    Gauss-Newton on the interpolated distance field with Geman-McClure weights of falling scale; prior (3, 3): the
+    information with which `pose` itself holds.
+    """
+    held = np.zeros((3, 3)) if prior is None else prior
+    found = np.array(pose, dtype=np.float64)
+    for scale_m in scales_m:
+        matrix, gradient, _ = _normal_equations(reference, points, found, scale_m)
+        away = np.array([*(found[:2] - pose[:2]), se2.wrap_angle(found[2] - pose[2])])
+        matrix = matrix + held
+        damping = np.diag(1e-6 + 1e-3 * np.diag(matrix))
+        step = np.linalg.solve(matrix + damping, gradient + held @ away)
+        shorten = min(1.0, _STEP_M / max(np.hypot(*step[:2]), 1e-12), _STEP_RAD / max(abs(step[2]), 1e-12))
+        found = found - shorten * step
+    matrix, _, hits = _normal_equations(reference, points, found, scales_m[-1])
+    found[2] = se2.wrap_angle(found[2])
+    return Fit(found, matrix + held, hits / max(len(points), 1), len(points))
+
+
+def _normal_equations(
+    reference: ReferenceMap, points: FloatArray, pose: FloatArray, scale_m: float
+) -> tuple[FloatArray, FloatArray, int]:
+    """Return the matrix (3, 3) and gradient (3,) of the robust squared distances, and how many points are on walls."""
+    matrix, gradient = np.zeros((3, 3)), np.zeros(3)
+    hits = _accumulate(reference.distances, reference.resolution_m, points, pose, scale_m, matrix, gradient)
+    weight = 1.0 / (_DEPENDENT * _RANGE_M**2)
+    return weight * matrix, weight * gradient, hits
+
+
+def structure(fit: Fit) -> float:
+    """Return how firmly the walls hold a fit in its weakest direction, 0..0.5: mean square of the normals' component.
+
+    Normals of a rough wall scatter and fake a hold along it: what a scatter of _NORMAL_RAD fakes is taken off.
+    """
+    weakest, total = _spread(fit)
+    return float((weakest - _NORMAL_RAD**2 * total) * _DEPENDENT * _RANGE_M**2 / max(fit.points, 1))
+
+
+def covariance_of(fit: Fit, turn_rad: float) -> FloatArray:
+    """Return the covariance (3, 3) of the fit's x, y and yaw, in a frame in which the grid's frame is turned by that.
+
+    Along the weakest direction it is as wide as the hold without what scattering normals fake allows.
+    """
+    values, vectors = np.linalg.eigh(fit.information[:2, :2])
+    faked = max(values[0] - _NORMAL_RAD**2 * values.sum(), 1e-3 * values[0] + 1e-6)
+    weak = np.array([*vectors[:, 0], 0.0])
+    covariance = np.linalg.inv(fit.information + 1e-6 * np.eye(3))
+    covariance += np.outer(weak, weak) * (1.0 / faked - 1.0 / max(values[0], faked))
+    cos, sin = np.cos(turn_rad), np.sin(turn_rad)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(turn @ covariance @ turn.T)
+
+
+def _spread(fit: Fit) -> tuple[float, float]:
+    """Return the least eigenvalue and the trace of the normal matrix of x and y."""
+    values = np.linalg.eigvalsh(fit.information[:2, :2])
+    return float(values[0]), float(values.sum())
+
+
+def judge(reference: ReferenceMap, points: FloatArray, origins: FloatArray, pose: FloatArray) -> Evidence:
+    """Count what speaks for and against a pose (3,) in the grid's frame: points (N, 2) seen from origins (N, 2)."""
+    ends = se2.transform_points(pose, points) / reference.resolution_m
+    starts = se2.transform_points(pose, origins) / reference.resolution_m
+    counts = _count(reference.distances, reference.states, reference.resolution_m, starts, ends)
+    return Evidence(len(points), *counts.tolist())
+
+
+@njit(cache=True, nogil=True)
+def _distance_at(distances: Distances, x: float, y: float) -> tuple[float, float, float]:
+    """Return the interpolated distance and its slope, in units of the field a cell, at x, y in cells."""
+    fx, fy = x - 0.5, y - 0.5
+    col, row = math.floor(fx), math.floor(fy)
+    if col < 0 or row < 0 or col + 1 >= distances.shape[1] or row + 1 >= distances.shape[0]:
+        return FAR_M, 0.0, 0.0
+    u, v = fx - col, fy - row
+    a, b = distances[row, col], distances[row, col + 1]
+    c, d = distances[row + 1, col], distances[row + 1, col + 1]
+    low, high = a + u * (b - a), c + u * (d - c)
+    return low + v * (high - low), (1.0 - v) * (b - a) + v * (d - c), high - low
+
+
+@njit(cache=True, nogil=True)
+def _accumulate(
+    distances: Distances,
+    resolution_m: float,
+    points: FloatArray,
+    pose: FloatArray,
+    scale_m: float,
+    matrix: FloatArray,
+    gradient: FloatArray,
+) -> int:
+    """Add up matrix (3, 3) and gradient (3,) of the points' weighted squared distances; return the points on walls."""
+    hits = 0
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    for n in range(points.shape[0]):
+        rx, ry = cos * points[n, 0] - sin * points[n, 1], sin * points[n, 0] + cos * points[n, 1]
+        d, gx, gy = _distance_at(distances, (pose[0] + rx) / resolution_m, (pose[1] + ry) / resolution_m)
+        if d >= 4.0 * scale_m:
+            continue
+        hits += d <= _HIT_M
+        gx, gy = gx / resolution_m, gy / resolution_m
+        robust = 1.0 / (1.0 + (d / scale_m) ** 2) ** 2
+        jacobian = (gx, gy, gy * rx - gx * ry)
+        for i in range(3):
+            gradient[i] += robust * jacobian[i] * d
+            for j in range(3):
+                matrix[i, j] += robust * jacobian[i] * jacobian[j]
+    return hits
+
+
+@njit(cache=True, nogil=True)
+def _count(
+    distances: Distances, states: States, resolution_m: float, starts: FloatArray, ends: FloatArray
+) -> NDArray[np.int64]:
+    """Return the numbers of hits, near, astray, unknown and through; starts, ends (N, 2) in cells."""
+    counts = np.zeros(5, np.int64)
+    rows, cols = states.shape
+    for n in range(ends.shape[0]):
+        col, row = math.floor(ends[n, 0]), math.floor(ends[n, 1])
+        inside = 0 <= col < cols and 0 <= row < rows
+        d = distances[row, col] if inside else FAR_M
+        if d <= _HIT_M:
+            counts[0] += 1
+        elif not inside or states[row, col] == UNKNOWN:
+            counts[3] += 1
+        elif d > _AGAINST_M:
+            counts[2] += 1
+        else:
+            counts[1] += 1
+        dx, dy = ends[n, 0] - starts[n, 0], ends[n, 1] - starts[n, 1]
+        length = math.hypot(dx, dy)
+        steps = int(length - _AGAINST_M / resolution_m)
+        touched = False
+        for step in range(steps):
+            x, y = starts[n, 0] + dx * (step + 0.5) / length, starts[n, 1] + dy * (step + 0.5) / length
+            col, row = math.floor(x), math.floor(y)
+            if not (0 <= col < cols and 0 <= row < rows):
+                break
+            if states[row, col] == WALL:
+                touched = True
+            elif touched and distances[row, col] > _BEHIND_M:
+                counts[4] += 1
+                break
+    return counts

@@ -1,0 +1,57 @@
+"""`bench`: the group, its short form, and `bench slam` from end to end."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from tools.simulated_drive import record_round_trip
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bench") / "drive.mcap"
+    record_round_trip(path, 40)
+    return path
+
+
+def test_a_recording_alone_is_measured_by_the_pipeline_bench(drive, cli):
+    short, long = cli("bench", drive, "--json"), cli("bench", "pipeline", drive, "--json")
+    assert short.code == long.code == 0
+    assert json.loads(short.out).keys() == json.loads(long.out).keys()
+    assert json.loads(cli("bench", "--json", drive).out)["scans"] == 40
+
+
+def test_slam_is_measured_beside_peers_and_at_the_real_pace(drive, cli):
+    ended = cli("bench", "slam", drive, "--live", "2", "--json")
+    assert ended.code == 0, ended.err
+    (report,) = json.loads(ended.out)["logs"]
+    assert report["slam"]["simulated"] is True
+    assert report["live"]["mapped"] > 10
+    assert [peer["name"].partition(",")[0] for peer in report["peers"]] == [
+        "kiss-icp alone", "kiss-icp alone", "MRPT icp-slam",
+    ]  # fmt: skip
+    assert report["peers"][2]["cpu_ms_per_scan"] is None  # not installed, or no CARMEN log
+
+
+def test_a_simulated_drive_is_measured_and_labelled(cli):
+    ended = cli("bench", "slam", "--simulate", "40", "--live", "1")
+    assert ended.code == 0, ended.err
+    assert ended.out.count("SIMULATED") == 2
+    for text in ("joint refinement", "time to map / duration", "resident memory", "scan in to pose out", "MRPT"):
+        assert text in ended.out
+
+
+def test_nothing_to_measure_is_wrong_use(cli):
+    ended = cli("bench", "slam")
+    assert ended.code == 2
+    assert "--simulate" in ended.error_lines[0]
+
+
+def test_what_is_no_recording_is_one_line(cli, tmp_path):
+    (tmp_path / "a.mcap").write_bytes(b"no recording")
+    ended = cli("bench", "slam", tmp_path / "a.mcap", "--no-peers")
+    assert ended.code == 1
+    assert len(ended.error_lines) == 1
+    assert "a.mcap" in ended.err

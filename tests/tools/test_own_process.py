@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drivers.recording_reader import open_recording
+from tools.errors import ToolError
+from tools.own_process import in_own_process, memory, reset_peak
+
+
+def test_work_is_done_in_another_process_each_time():
+    first, second = in_own_process(os.getpid), in_own_process(os.getpid)
+    assert len({first, second, os.getpid()}) == 3
+
+
+def test_an_error_comes_back_as_it_was(tmp_path):
+    with pytest.raises(Exception, match=r"nothing\.mcap") as here:
+        open_recording(tmp_path / "nothing.mcap")
+    with pytest.raises(type(here.value), match=r"nothing\.mcap"):
+        in_own_process(open_recording, tmp_path / "nothing.mcap")
+
+
+def test_a_process_that_dies_is_one_clear_error():
+    with pytest.raises(ToolError, match="memory"):
+        in_own_process(os._exit, 9)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from Linux's /proc")
+def test_the_peak_remembers_what_was_let_go_until_it_is_reset():
+    block = np.ones(25_000_000)  # 200 MB
+    held = memory()
+    del block
+    after = memory()
+    assert after.peak_mb >= held.resident_mb - 1.0
+    assert after.resident_mb < held.resident_mb - 150.0
+    if reset_peak():
+        assert memory().peak_mb < after.peak_mb - 150.0
+    assert not math.isnan(after.peak_mb)

@@ -1,0 +1,66 @@
+"""Work in a process of its own, so that what it measures of itself holds nothing of what ran before; and its memory."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+from tools.errors import ToolError
+
+Result = TypeVar("Result")
+
+_STATUS = Path("/proc/self/status")
+_CLEAR_PEAK = Path("/proc/self/clear_refs")
+
+
+def in_own_process(work: Callable[..., Result], *arguments: object) -> Result:
+    """Return work(*arguments), done in a fresh process; its exceptions are raised here.
+
+    work must be a function of a module. Raises ToolError when the process dies, for want of memory for instance.
+    """
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        try:
+            return pool.submit(work, *arguments).result()
+        except BrokenProcessPool as error:
+            raise ToolError(
+                "a measuring process died: out of memory? Free some, or measure a shorter recording"
+            ) from error
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """Resident memory of this process in MB (1e6 bytes): now, and the most since the start or the last reset."""
+
+    resident_mb: float
+    peak_mb: float
+
+
+def memory() -> Memory:
+    """Return what this process holds (VmRSS and VmHWM of proc(5)); nan where the system has no /proc."""
+    try:
+        fields = dict(line.split(":", 1) for line in _STATUS.read_text(encoding="ascii").splitlines() if ":" in line)
+        resident, peak = (float(fields[name].split()[0]) * 1024e-6 for name in ("VmRSS", "VmHWM"))
+    except (OSError, KeyError):
+        return Memory(float("nan"), float("nan"))
+    return Memory(resident, peak)
+
+
+def reset_peak() -> bool:
+    """Let the peak begin anew (proc(5): clear_refs); False where the system does not let a process do that."""
+    try:
+        descriptor = os.open(_CLEAR_PEAK, os.O_WRONLY)
+    except OSError:
+        return False
+    try:
+        os.write(descriptor, b"5")
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return True
