@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.messages import Transform
 from mapping.errors import MappingError
-from mapping.slam import Mount
+from mapping.mount import Mount
 
 FloatArray = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ tracking is lost and a new segment begins, whose place in the map is unknown unt
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from mapping import se2
 from mapping.correlation import SearchWindow, likelihood_field, search
 from mapping.deskew import deskew, reference_offset_s
 from mapping.keyframes import Clouds, KeyframeStore
+from mapping.mount import Mount
 from mapping.odometry import LidarOdometry, OdometrySettings, ScanMatch
 from mapping.scan_matching import Agreement, Group, group_agreement, match_groups
 from mapping.surface import surface_of
@@ -32,20 +33,6 @@ _SCANS_TO_STEP_BACK = 3
 _MOST_WRONG_STAMPS = 2
 _CLEARLY_MORE = 1.1  # hits of a match that takes another's place
 _LONGEST_EXTRAPOLATION_S = 0.5  # so long after the last match its velocity says nothing any more
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Mount:
-    """Where the laser sits on the body: a pose (x, y, yaw) in base_link; inverted for one that hangs upside down."""
-
-    pose: FloatArray = field(default_factory=lambda: np.zeros(3))
-    inverted: bool = False
-
-    def to_body(self, angles_rad: FloatArray, ranges_m: FloatArray) -> FloatArray:
-        """Return samples (N,) given in the laser frame as points (N, 2) in base_link."""
-        side = -1.0 if self.inverted else 1.0
-        local = np.column_stack([ranges_m * np.cos(angles_rad), side * ranges_m * np.sin(angles_rad)])
-        return se2.transform_points(self.pose, local)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,20 +6,29 @@ another thread while the robot drives, or at once in a replay. Both give the sam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
 from mapping.front_end import KeyframeLink, TrackedScan
+from mapping.graph_state import CLOUDS, SCANS, GraphState
 from mapping.joint_refinement import RefinementSettings, refine_jointly
-from mapping.keyframes import Clouds, KeyframeStore
-from mapping.loop_closure import Closure, Drive, LoopOutcome, LoopSettings, close_loops, constraints_of, settle
+from mapping.keyframes import KeyframeStore
+from mapping.loop_closure import (
+    Closure,
+    Drive,
+    LoopOutcome,
+    LoopSettings,
+    close_loops,
+    components_of,
+    constraints_of,
+    settle,
+)
 from mapping.pose_graph import Constraints, chi_squared
 from mapping.scan_archive import ScanArchive
 from mapping.scan_matching import Agreement
@@ -34,8 +43,6 @@ Search = Callable[[], LoopOutcome]
 Background = Callable[[Search], Search]  # takes up a search; what it returns waits for the outcome
 
 _LOST = np.diag([1e-6, 1e-6, 1e-4])  # information of a step over which tracking was lost: none, but not singular
-
-
 _LAST_ITERATIONS = 20
 
 
@@ -83,41 +90,6 @@ class PoseGraph:
     poses: FloatArray
     steps: IndexArray
     closures: IndexArray
-
-
-_STATE = (
-    "starts", "poses", "travelled", "segments", "link_poses", "link_information", "link_connected", "sensor",
-    "closure_pairs", "closure_poses", "closure_information", "closure_evidence",
-)  # fmt: skip
-_CLOUDS = ("points", "angles", "ranges", "normals", "levels", "reaches")
-_SCANS = ("stamps_ns", "keyframes", "relative", "counts", "points", "matched", "known", "is_keyframe")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GraphState:
-    """Everything that a graph holds, as named arrays; raises ValueError where some are missing or do not fit."""
-
-    arrays: Mapping[str, NDArray[Any]]
-
-    def __post_init__(self) -> None:
-        names = [*_STATE, *(f"cloud_{name}" for name in _CLOUDS), *(f"scan_{name}" for name in _SCANS)]
-        missing = [name for name in names if name not in self.arrays]
-        if missing:
-            raise ValueError(f"no {', '.join(missing)} in it")
-        count = len(self.arrays["poses"])
-        if count == 0 or len(self.arrays["starts"]) != count + 1:
-            raise ValueError(f"{count} poses for {len(self.arrays['starts']) - 1} keyframes")
-
-    @property
-    def end_ns(self) -> int:
-        """The stamp of the last scan."""
-        return int(self.arrays["scan_stamps_ns"][-1])
-
-    @property
-    def clouds(self) -> Clouds:
-        """The keyframes' surfaces."""
-        columns = {name: self.arrays[f"cloud_{name}"] for name in _CLOUDS}
-        return Clouds(**columns, starts=self.arrays["starts"], sensor=self.arrays["sensor"])
 
 
 class GraphSlam:
@@ -179,7 +151,7 @@ class GraphSlam:
                 "closure_evidence": np.array(evidence, dtype=np.float64).reshape(-1, 5),
                 "starts": clouds.starts,
                 "sensor": clouds.sensor,
-                **{f"cloud_{name}": getattr(clouds, name) for name in _CLOUDS},
+                **{f"cloud_{name}": getattr(clouds, name) for name in CLOUDS},
                 **{f"scan_{name}": values for name, values in self.archive.arrays().items()},
             }
         )
@@ -203,7 +175,7 @@ class GraphSlam:
             Closure(first, second, pose, information, score, rival, Agreement(int(hits), int(conflicts), int(hidden)))
             for (first, second), pose, information, (score, rival, hits, conflicts, hidden) in found
         )
-        self.archive.restore({name: arrays[f"scan_{name}"] for name in _SCANS})
+        self.archive.restore({name: arrays[f"scan_{name}"] for name in SCANS})
         self._odom_pose = se2.IDENTITY
 
     def finish(self) -> None:
@@ -363,11 +335,7 @@ class GraphSlam:
         segments = np.array(self._segments, dtype=np.int64)
         if len(segments) == 0:
             return np.zeros(0, np.bool_)
-        label = np.arange(segments[-1] + 1)
-        for closure in self.closures:
-            one, other = label[segments[closure.first]], label[segments[closure.second]]
-            label[label == max(one, other)] = min(one, other)
-        component = label[segments]
+        component = components_of(segments, self.closures)
         return np.asarray(component == np.bincount(component).argmax())
 
     def _refined_scan(self, number: int, poses: FloatArray) -> FloatArray | None:

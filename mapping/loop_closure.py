@@ -96,11 +96,7 @@ class Drive:
 
     def components(self) -> IndexArray:
         """Return for each keyframe (K,) the lowest number of the segments that closures tie its own to."""
-        label = np.arange(int(self.segments[-1]) + 1)
-        for closure in self.closures:
-            one, other = label[self.segments[closure.first]], label[self.segments[closure.second]]
-            label[label == max(one, other)] = min(one, other)
-        return np.asarray(label[self.segments])
+        return components_of(self.segments, self.closures)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,6 +161,15 @@ def _optimised(
     for kernel in kernels[1:]:
         solution = optimise(solution.poses, constraints, kernel=kernel, iterations=iterations)
     return solution
+
+
+def components_of(segments: IndexArray, closures: tuple[Closure, ...]) -> IndexArray:
+    """Return for each keyframe (K,) of the segments (K,), K >= 1, the lowest number of those tied to its own."""
+    label = np.arange(int(segments[-1]) + 1)
+    for closure in closures:
+        one, other = label[segments[closure.first]], label[segments[closure.second]]
+        label[label == max(one, other)] = min(one, other)
+    return np.asarray(label[segments])
 
 
 def constraints_of(closures: tuple[Closure, ...]) -> Constraints:

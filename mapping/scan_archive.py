@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -99,11 +100,10 @@ class ScanArchive:
 
     def copy(self) -> ScanArchive:
         """Return an archive with the same scans, of which the one does not see the other's changes."""
-        other = ScanArchive(self._most_bytes)
-        other._bytes = self._bytes
+        other = copy(self)
         other._stamps, other._keyframes, other._relative = [*self._stamps], [*self._keyframes], [*self._relative]
-        other._points, other._matched, other._is_keyframe = [*self._points], [*self._matched], [*self._is_keyframe]
-        other._known = [*self._known]
+        other._points, other._matched, other._known = [*self._points], [*self._matched], [*self._known]
+        other._is_keyframe = [*self._is_keyframe]
         return other
 
     def move(self, number: int, T_keyframe_scan: FloatArray) -> None:

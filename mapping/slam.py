@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
 from mapping.errors import MappingError
-from mapping.front_end import FrontEnd, FrontEndSettings, KeyframeSettings, MappingCounters, Mount, TrackedScan
-from mapping.graph_slam import Background, GraphSettings, GraphSlam, GraphState, at_once
+from mapping.front_end import FrontEnd, FrontEndSettings, KeyframeSettings, MappingCounters, TrackedScan
+from mapping.graph_slam import Background, GraphSettings, GraphSlam, at_once
+from mapping.graph_state import GraphState
 from mapping.grid import GridBuilder, OccupancyGrid
+from mapping.mount import Mount
 from mapping.odometry import OdometrySettings, ScanMatch
 from mapping.sensor_models import LidarModel
 from mapping.trajectory import Trajectory
-
-__all__ = ["MappedScan", "Mapper", "MappingSettings", "Mount"]
 
 FloatArray = NDArray[np.float64]
 _SAME_PLACE_M = 0.005

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.errors import MapFileError
-from mapping.graph_slam import GraphState
+from mapping.graph_state import GraphState
 
 STATE_NAME = "slam_state.npz"
 _FORMAT = 1

@@ -14,7 +14,8 @@ import numpy as np
 
 from drivers.messages import LaserScan
 from mapping.grid import OccupancyGrid
-from mapping.slam import Mapper, MappingSettings, Mount
+from mapping.mount import Mount
+from mapping.slam import Mapper, MappingSettings
 
 TRIAL_SCANS = 300
 _WINDOW_SCANS = 30  # mapped on their own: over more of them drift blurs a map more than the order of samples does

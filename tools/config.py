@@ -16,9 +16,10 @@ from ruamel.yaml.error import YAMLError
 
 from mapping.front_end import KeyframeSettings
 from mapping.graph_slam import GraphSettings
+from mapping.mount import Mount
 from mapping.odometry import OdometrySettings
 from mapping.sensor_models import LidarModel
-from mapping.slam import MappingSettings, Mount
+from mapping.slam import MappingSettings
 from tools.errors import UsageError
 
 _ODOMETRY = OdometrySettings()

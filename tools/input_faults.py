@@ -184,14 +184,15 @@ def _frozen(messages: Messages, window: Window) -> list[LaserScan | Odometry]:
     for message in messages:
         if window[0] <= message.stamp_ns <= window[1]:
             continue
+        moved = message
         if isinstance(message, Odometry):
             if message.stamp_ns < window[0]:
                 before = message.pose
             elif before is not None:
                 if T_before_after is None:
                     T_before_after = se2.compose(before, se2.inverse(message.pose))
-                message = replace(message, pose=se2.compose(T_before_after, message.pose))  # noqa: PLW2901
-        kept.append(message)
+                moved = replace(message, pose=se2.compose(T_before_after, message.pose))
+        kept.append(moved)
     return kept
 
 

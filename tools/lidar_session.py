@@ -18,7 +18,7 @@ from drivers.recording_writer import McapRecorder, RecordingReport
 from drivers.rplidar import Rplidar, open_rplidar
 from drivers.rplidar_models import is_emulated
 from mapping.frames import planar_transform
-from mapping.graph_slam import GraphState
+from mapping.graph_state import GraphState
 from mapping.slam import MappedScan
 from tools.clock import RunClock
 from tools.config import Config, ConfigError

@@ -17,9 +17,11 @@ import numpy as np
 from drivers.messages import LaserScan, LidarStream, Message, Odometry, RawChunk, Transform
 from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
 from mapping.frames import find_mount
-from mapping.graph_slam import Background, GraphSettings, GraphState, Search, at_once
+from mapping.graph_slam import Background, GraphSettings, Search, at_once
+from mapping.graph_state import GraphState
 from mapping.loop_closure import LoopSettings
-from mapping.slam import MappedScan, Mapper, MappingSettings, Mount
+from mapping.mount import Mount
+from mapping.slam import MappedScan, Mapper, MappingSettings
 from mapping.sweep import TRIAL_SCANS, SweepVerdict, detect_sweep, reverse_sweep
 from tools.config import Config
 

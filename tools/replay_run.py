@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drivers.errors import RecordingError
 from drivers.recording_reader import Recording
-from mapping.graph_slam import GraphState
+from mapping.graph_state import GraphState
 from mapping.slam import MappedScan
 from tools.config import Config, parse
 from tools.localisation import Localisation

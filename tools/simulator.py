@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.slam import Mount
+from mapping.mount import Mount
 from mapping.trajectory import Trajectory
 from tools.world import World
 

@@ -19,8 +19,8 @@ from drivers.messages import LaserScan, Odometry
 from drivers.recording_reader import open_recording
 from mapping import se2
 from mapping.deskew import reference_offset_s
+from mapping.mount import Mount
 from mapping.odometry import LidarOdometry
-from mapping.slam import Mount
 from mapping.sweep import reverse_sweep
 from mapping.trajectory import Trajectory
 from tools.config import Config

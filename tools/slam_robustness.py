@@ -15,8 +15,9 @@ import numpy as np
 from drivers.messages import LaserScan, Odometry
 from drivers.recording_reader import open_recording
 from mapping.loop_closure import Closure
+from mapping.mount import Mount
 from mapping.relations import Relations, relation_errors
-from mapping.slam import Mapper, MappingSettings, Mount
+from mapping.slam import Mapper, MappingSettings
 from mapping.sweep import reverse_sweep
 from mapping.trajectory import Trajectory
 from tools.config import Config

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
 from mapping.keyframes import KeyframeStore
+from mapping.mount import Mount
 from mapping.raycast import cast_rays
-from mapping.slam import Mount
 from mapping.surface import surface_of
 from mapping.trajectory import Trajectory
 

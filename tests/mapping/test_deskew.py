@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mapping import se2
 from mapping.deskew import deskew, reference_offset_s
-from mapping.slam import Mount
+from mapping.mount import Mount
 
 FloatArray = NDArray[np.float64]
 

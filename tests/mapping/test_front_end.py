@@ -8,8 +8,9 @@ import pytest
 
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
-from mapping.front_end import FrontEnd, FrontEndSettings, KeyframeSettings, Mount, TrackedScan
+from mapping.front_end import FrontEnd, FrontEndSettings, KeyframeSettings, TrackedScan
 from mapping.graph_slam import GraphSettings, GraphSlam
+from mapping.mount import Mount
 
 ALONG = ((9.0, (0.5, 0.0, 0.0)),)
 START = (6.0, 4.8, 0.0)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
 from mapping.metrics import absolute_trajectory_error
-from mapping.slam import MappedScan, Mapper, MappingSettings, Mount
+from mapping.mount import Mount
+from mapping.slam import MappedScan, Mapper, MappingSettings
 
 FloatArray = NDArray[np.float64]
 

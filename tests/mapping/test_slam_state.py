@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from mapping.errors import MapFileError, MappingError
-from mapping.slam import Mapper, MappingSettings, Mount
+from mapping.mount import Mount
+from mapping.slam import Mapper, MappingSettings
 from mapping.slam_state import STATE_NAME, read_state, write_state
 
 

@@ -8,7 +8,8 @@ import pytest
 
 from drivers.messages import LaserScan
 from mapping.grid import OccupancyGrid
-from mapping.slam import MappingSettings, Mount
+from mapping.mount import Mount
+from mapping.slam import MappingSettings
 from mapping.sweep import detect_sweep, entropy, reverse_sweep
 
 TURNING = ((3.0, (0.2, 0.0, 0.8)), (2.0, (0.2, 0.0, -0.8)))  # 4 rad in all

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mapping import se2
-from mapping.slam import Mount
+from mapping.mount import Mount
 from mapping.trajectory import Trajectory
 from tools.simulator import MAX_STEERING_RAD, WHEELBASE_M, SimulatedLidar, drive_along
 from tools.world import OFFICE_TOUR, World, office

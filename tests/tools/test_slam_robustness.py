@@ -9,8 +9,9 @@ import pytest
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
 from mapping.graph_slam import GraphSettings
+from mapping.mount import Mount
 from mapping.relations import Relations
-from mapping.slam import Mapper, MappingSettings, Mount
+from mapping.slam import Mapper, MappingSettings
 from mapping.trajectory import Trajectory
 from tools.input_faults import FaultyLog
 from tools.simulator import SimulatedLidar, drive_along
