@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
-from mapping.correlation import SearchWindow, likelihood_field, search
 from mapping.deskew import deskew, reference_offset_s
-from mapping.keyframes import Clouds, KeyframeStore
+from mapping.keyframes import KeyframeStore
+from mapping.match_doubt import CLEARLY_MORE, DoubtSettings, agreement_with, is_surprising, is_weak, rescue
 from mapping.mount import Mount
 from mapping.odometry import LidarOdometry, OdometrySettings, ScanMatch
-from mapping.scan_matching import Agreement, Group, group_agreement, match_groups
+from mapping.scan_matching import Group, match_groups, single
 from mapping.surface import surface_of
 from mapping.wheel_odometry import WheelOdometry
 
@@ -31,7 +31,6 @@ _SECTORS = 36  # of 10 deg
 _LEAST_SECTORS = 12  # a turn with gaps is mapped if samples fall into a third of the circle
 _SCANS_TO_STEP_BACK = 3
 _MOST_WRONG_STAMPS = 2
-_CLEARLY_MORE = 1.1  # hits of a match that takes another's place
 _LONGEST_EXTRAPOLATION_S = 0.5  # so long after the last match its velocity says nothing any more
 
 
@@ -40,13 +39,8 @@ class KeyframeSettings:
     """Which scans become keyframes, and how they are held to their predecessors.
 
     A keyframe comes every distance_m or turn_rad. It is refined on up to `predecessors` ones within reach_m, held by
-    the scan match with prior_m and prior_rad (standard deviations): that keeps a corridor from sliding. A match is weak
-    with a smaller share of hits than weak_share where the last keyframes saw, or with fewer hits than weak_overlap of
-    the samples. One that is farther than surprise_m or surprise_rad from the guess, or follows a weak one, needs the
-    sure_share: a robot that was carried to a place that looks alike finds walls there too, but not where the wheels say
-    and not as many. With less than sound_share a match gives way to a clearly better one. That is looked for around the
-    guess, rescue_m and rescue_rad far and more for every second since the last match; after lost_s without a match
-    tracking is lost.
+    the scan match with prior_m and prior_rad (standard deviations): that keeps a corridor from sliding. After lost_s
+    and lost_scans without a match tracking is lost.
     """
 
     distance_m: float = 0.25
@@ -55,19 +49,6 @@ class KeyframeSettings:
     reach_m: float = 5.0
     prior_m: float = 0.03
     prior_rad: float = 0.01
-    sound_share: float = 0.85
-    weak_share: float = 0.6
-    weak_overlap: float = 0.15
-    surprise_m: float = 0.15
-    surprise_rad: float = 0.12
-    sure_share: float = 0.87
-    rescue_m: float = 1.0
-    rescue_m_per_s: float = 1.0
-    most_rescue_m: float = 3.0
-    rescue_rad: float = 1.0
-    rescue_rad_per_s: float = 1.5
-    rescue_score: float = 0.55
-    rescue_rival: float = 0.9
     lost_s: float = 3.0
     lost_scans: int = 10
 
@@ -123,6 +104,7 @@ class FrontEndSettings:
     use_wheel_odometry: bool = True
     wheels_only: bool = False
     wheel_wait_s: float = 0.5
+    doubt: DoubtSettings = DoubtSettings()
 
 
 class FrontEnd:
@@ -299,28 +281,24 @@ class FrontEnd:
         After a gap the guess may be far off, and in a corridor a match at the wrong place agrees with most of the
         walls: then it has to stand against the best one of the search.
         """
-        limits, clouds = self._settings.keyframes, self.keyframes.snapshot()
-        recent = self._recent(self._in_chain(guess), limits.predecessors)
+        limits, clouds = self._settings.doubt, self.keyframes.snapshot()
+        recent = self._recent(self._in_chain(guess))
         elapsed_s = (stamp_ns - self._matched_ns) * 1e-9
-        agreed = _agreement(clouds, number, self._in_chain(match.pose), recent)
-        surprising = self._unmatched_in_a_row > 0 or _is_surprising(se2.between(guess, match.pose), limits)
-        is_usable = match.accepted and not _is_weak(agreed, limits, surprising=surprising)
+        agreed = agreement_with(clouds, number, self._in_chain(match.pose), recent)
+        surprising = self._unmatched_in_a_row > 0 or is_surprising(se2.between(guess, match.pose), limits)
+        is_usable = match.accepted and not is_weak(agreed, limits, surprising=surprising)
         after_gap = not from_wheels and elapsed_s > _LONGEST_EXTRAPOLATION_S
         if is_usable and agreed.hit_share >= limits.sound_share and not after_gap:
             return match
         if from_wheels:  # that stall or jump mislead more than none would
             going_on = self._odometry.match(points, self._going_on(stamp_ns))
-            steady = _agreement(clouds, number, self._in_chain(going_on.pose), recent)
-            is_better = not is_usable or steady.hits > _CLEARLY_MORE * agreed.hits
-            if going_on.accepted and is_better and not _is_weak(steady, limits, surprising=True):
+            steady = agreement_with(clouds, number, self._in_chain(going_on.pose), recent)
+            is_better = not is_usable or steady.hits > CLEARLY_MORE * agreed.hits
+            if going_on.accepted and is_better and not is_weak(steady, limits, surprising=True):
                 return going_on
-        window = SearchWindow(
-            min(limits.rescue_m + limits.rescue_m_per_s * elapsed_s, limits.most_rescue_m),
-            min(limits.rescue_rad + limits.rescue_rad_per_s * elapsed_s, np.pi),
-        )
-        rescued = _rescue(clouds, number, self._in_chain(guess), recent, window, limits)
+        rescued = rescue(clouds, number, self._in_chain(guess), recent, elapsed_s, limits)
         if rescued is not None and (
-            not is_usable or _agreement(clouds, number, rescued, recent).hits > _CLEARLY_MORE * agreed.hits
+            not is_usable or agreement_with(clouds, number, rescued, recent).hits > CLEARLY_MORE * agreed.hits
         ):
             self.counters.rescued += 1
             pose = se2.compose(self._keyframe_odom, se2.between(self._chain[-1], rescued))
@@ -355,68 +333,25 @@ class FrontEnd:
         prior = np.diag([limits.prior_m**-2.0, limits.prior_m**-2.0, limits.prior_rad**-2.0])
         if self._settings.wheels_only:
             return KeyframeLink(number, moved, prior, connected=True)
-        near = self._recent(self._in_chain(pose), limits.predecessors)
+        near = self._recent(self._in_chain(pose))
         base = self._chain[-1]
         fixed = Group(near.keyframes, se2.between(base, near.poses))
-        match = match_groups(self.keyframes.snapshot(), _single(number), fixed, moved, (0.3, 0.2, 0.1), prior=prior)
+        match = match_groups(self.keyframes.snapshot(), single(number), fixed, moved, (0.3, 0.2, 0.1), prior=prior)
         return KeyframeLink(number, match.pose, match.information_with(prior), connected=True)
 
     def _in_chain(self, pose: FloatArray) -> FloatArray:
         """Return an odom pose (3,) as the refined chain of keyframes sees it."""
         return se2.compose(self._chain[-1], se2.between(self._keyframe_odom, pose))
 
-    def _recent(self, pose: FloatArray, most: int) -> Group:
+    def _recent(self, pose: FloatArray) -> Group:
         """Return the last keyframes of this segment near a pose in the chain; the last is always among them."""
-        first = max(self._segment_start, len(self._chain) - most)
+        first = max(self._segment_start, len(self._chain) - self._settings.keyframes.predecessors)
         numbers = np.arange(first, len(self._chain), dtype=np.int64)
         poses = np.array(self._chain[first:])
         distance = np.hypot(*(poses[:, :2] - pose[:2]).T)
         near = distance <= self._settings.keyframes.reach_m
         near[-1] = True
         return Group(numbers[near], poses[near])
-
-
-def _single(number: int) -> Group:
-    return Group(np.array([number], dtype=np.int64), np.zeros((1, 3)))
-
-
-def _agreement(clouds: Clouds, number: int, pose: FloatArray, recent: Group) -> Agreement:
-    """Return what a scan at a pose and the last, the third and the sixth last keyframe say of each other."""
-    some = Group(recent.keyframes[::-3][:3], recent.poses[::-3][:3])
-    return group_agreement(clouds, _single(number), some, pose, 0.15, stride=2)
-
-
-def _is_weak(agreement: Agreement, limits: KeyframeSettings, *, surprising: bool) -> bool:
-    least_share = limits.sure_share if surprising else limits.weak_share
-    return agreement.hit_share < least_share or agreement.overlap < limits.weak_overlap
-
-
-def _is_surprising(correction: FloatArray, limits: KeyframeSettings) -> bool:
-    """Whether a match is so far from the guess that it must agree all the better with what was seen before."""
-    return bool(np.hypot(correction[0], correction[1]) > limits.surprise_m or abs(correction[2]) > limits.surprise_rad)
-
-
-def _rescue(
-    clouds: Clouds, number: int, guess: FloatArray, recent: Group, window: SearchWindow, limits: KeyframeSettings
-) -> FloatArray | None:
-    """Search around the guess for the pose (3,) in the odom frame at which the scan agrees with the last keyframes."""
-    known = np.vstack(
-        [
-            se2.transform_points(pose, clouds.points_of(int(each)))
-            for each, pose in zip(recent.keyframes, recent.poses, strict=True)
-        ]
-    )
-    points = clouds.points_of(number)
-    if len(known) == 0 or len(points) == 0:
-        return None
-    field = likelihood_field(known, 0.05, 0.1)
-    thinned = points[:: max(1, len(points) // 200)]
-    peak = search(field, thinned, guess, window, least_score=limits.rescue_score, rival_apart_m=0.6)
-    if peak is None or peak.rival > limits.rescue_rival * peak.score:
-        return None
-    match = match_groups(clouds, _single(number), recent, peak.pose, (0.2, 0.15, 0.1))
-    agreed = _agreement(clouds, number, match.pose, recent)
-    return None if _is_weak(agreed, limits, surprising=True) else match.pose
 
 
 def _end_ns(scan: LaserScan) -> int:

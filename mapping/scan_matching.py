@@ -93,6 +93,11 @@ class Agreement:
         return self.hits / total if total else 0.0
 
 
+def single(keyframe: int) -> Group:
+    """Return one keyframe as a group, in its own frame."""
+    return Group(np.array([keyframe], dtype=np.int64), np.zeros((1, 3)))
+
+
 def match_groups(
     clouds: Clouds,
     moving: Group,

@@ -8,8 +8,9 @@ import pytest
 
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
-from mapping.front_end import FrontEnd, FrontEndSettings, KeyframeSettings, TrackedScan
+from mapping.front_end import FrontEnd, FrontEndSettings, TrackedScan
 from mapping.graph_slam import GraphSettings, GraphSlam
+from mapping.match_doubt import DoubtSettings
 from mapping.mount import Mount
 
 ALONG = ((9.0, (0.5, 0.0, 0.0)),)
@@ -91,8 +92,8 @@ def test_two_seconds_without_sight_are_bridged(along) -> None:
 
 def test_without_rescue_the_same_gap_would_end_the_tracking(along) -> None:
     scans = [*along.scans[:40], *along.scans[60:]]
-    narrow = KeyframeSettings(rescue_m=0.0, rescue_m_per_s=0.0, rescue_rad=0.0, rescue_rad_per_s=0.0)
-    front, tracked = track(scans, FrontEndSettings(keyframes=narrow))
+    narrow = DoubtSettings(rescue_m=0.0, rescue_m_per_s=0.0, rescue_rad=0.0, rescue_rad_per_s=0.0)
+    front, tracked = track(scans, FrontEndSettings(doubt=narrow))
     assert front.counters.rescued == 0
     assert front.counters.unmatched > 10 or off_m(tracked, along)[-20:].max() > 0.3
 
