@@ -196,12 +196,9 @@ def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: Record
 
 
 def session_is_whole(report: Report) -> bool:
-    """Whether no scan was dropped, all that was driven is in the map, and nothing is missing from the recording."""
+    """Whether no scan was dropped and nothing is missing from the recording, if one was asked for."""
     recording = report.get("recording") or {"error": None, "dropped": {}}
-    is_mapped = "slam" in report  # a recording alone is not
-    return not (
-        (is_mapped and lost_pieces(report)) or report["dropped_scans"] or recording["error"] or recording["dropped"]
-    )
+    return not (report["dropped_scans"] or recording["error"] or recording["dropped"])
 
 
 def _log_end(report: Report, folder: Path) -> None:

@@ -45,7 +45,7 @@ def run(
     from mapping.map_io import read_map
     from mapping.slam_state import read_state
     from tools.lidar_session import run_session, session_is_whole
-    from tools.results import check_run_folder, new_run_folder
+    from tools.results import check_run_folder, lost_pieces, new_run_folder
     from tools.signals import stop_on_signals
 
     config = load_config(config_file, resolution, cells_per_meter)
@@ -59,4 +59,5 @@ def run(
         print_json(report)
     if fault is not None:
         raise fault
-    raise typer.Exit(ExitCode.OK if session_is_whole(report) else ExitCode.PARTIAL)
+    is_whole = session_is_whole(report) and not lost_pieces(report)
+    raise typer.Exit(ExitCode.OK if is_whole else ExitCode.PARTIAL)
