@@ -23,7 +23,7 @@ Packets = NDArray[np.uint8]
 FULL_TURN_Q6 = 360 * 64
 Q6_TO_Q16 = 10  # bits from 1/64 to 1/65536 deg
 MAX_DISTANCE_MM = 28656  # the largest major value an ultra capsule can carry
-_INVALID_PREDICTIONS = (-512, 511)
+_LOWEST_PREDICTION, _HIGHEST_PREDICTION = -512, 511  # both say: no measurement
 _UNKNOWN_OFFSET_RAD_Q16 = 8578  # 7.5 deg, in 1/65536 rad: too near for the model, or no measurement
 
 # Variable bit scale of ultra capsules: (first code, first mm, shift) of each section.
@@ -127,11 +127,16 @@ def decode_ultra(packets: Packets) -> Samples:
     from_next = (here == 0) & (after > 0)
     predicted1 = (first << np.where(from_next, scale_after, scale_here)) + np.where(from_next, after, here)
     predicted2 = (second << scale_after) + after
-    predicted1 = np.where(np.isin(first, _INVALID_PREDICTIONS), 0, predicted1)
-    predicted2 = np.where(np.isin(second, _INVALID_PREDICTIONS), 0, predicted2)
+    predicted1 = np.where(_is_invalid(first), 0, predicted1)
+    predicted2 = np.where(_is_invalid(second), 0, predicted2)
     distance_mm = np.maximum(np.stack((here, predicted1, predicted2), axis=1), 0)
     distance_q2 = (distance_mm << 2).reshape(-1, 96)
     return _capsule_samples(packets, Answer.ULTRA, distance_q2, ultra_offset_q16(distance_q2))
+
+
+def _is_invalid(prediction: IntArray) -> NDArray[np.bool_]:
+    invalid: NDArray[np.bool_] = (prediction == _LOWEST_PREDICTION) | (prediction == _HIGHEST_PREDICTION)
+    return invalid
 
 
 def _capsule_samples(packets: Packets, kind: Answer, distance_q2: IntArray, offset_q16: IntArray) -> Samples:

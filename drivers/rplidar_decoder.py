@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import DeviceFaultError
 from drivers.messages import FloatArray, LaserScan, LidarStream, RawChunk
-from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, IntArray, Packets, restart_flags, start_angles_q6
+from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, IntArray, Packets, Samples, restart_flags, start_angles_q6
 from drivers.rplidar_framing import PacketRun, find_packets
 from drivers.rplidar_protocol import (
     DESCRIPTOR_BYTES,
@@ -28,6 +28,7 @@ from drivers.uart import BITS_PER_BYTE
 _FASTEST_TURN_HZ = 30.0  # twice what the head can do: a larger step between capsules is damage
 _SPEED_UP = 1.5  # between neighbouring capsules inertia forbids more: whole capsules were lost
 _SPEED_UP_SLACK_Q6 = 2 * 64
+_LONGEST_WAIT_S = 0.25  # capsules wait so long for the end of their turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +66,7 @@ class RplidarDecoder:
         self._maybe_descriptor = True
         self._locked = True  # a stream begins with a packet
         self._skipped = 0  # bytes between the last sound packet and the pending ones
-        self._held = np.empty((0, PACKET_BYTES[self._kind]), dtype=np.uint8)  # a capsule that waits for the next
+        self._held = np.empty((0, PACKET_BYTES[self._kind]), dtype=np.uint8)  # capsules that wait for their turn's end
         self._step_q6: int | None = None  # the last sound step of the head from capsule to capsule
         self._next_packet = 0
         self._counts = dict.fromkeys(DecoderCounters.__slots__, 0)
@@ -73,7 +74,10 @@ class RplidarDecoder:
     @property
     def counters(self) -> DecoderCounters:
         """A snapshot of the counters."""
-        return DecoderCounters(**self._counts)
+        counts = dict(self._counts)
+        if len(self._held) > 1:
+            self._count(counts, DECODERS[self._kind](self._held))
+        return DecoderCounters(**counts)
 
     def feed(self, chunk: RawChunk) -> list[LaserScan]:
         """Take the next chunk; return the turns that are over, oldest first, the first partial one included."""
@@ -115,8 +119,7 @@ class RplidarDecoder:
 
     def _take(self, run: PacketRun, chunk_s: float, turns: TurnAssembler) -> list[LaserScan]:
         """Decode a run of sound packets that ended `behind` bytes before the chunk did."""
-        if self._skipped:
-            self._bridge_damage(turns)
+        scans = self._bridge_damage(turns) if self._skipped else []
         count = len(run.packets)
         first = self._next_packet
         self._next_packet += count
@@ -127,18 +130,23 @@ class RplidarDecoder:
         not_after_s = np.asarray(chunk_s - behind * self._byte_s - self._latency_s, dtype=np.float64)
         if self._kind == Answer.NODES:
             self._clock.observe(last_sample, not_after_s)
-            return self._decode(run.packets, first, turns)
-        return self._take_capsules(run.packets, first, last_sample, not_after_s, turns)
+            return scans + self._decode(run.packets, first, turns)
+        return scans + self._take_capsules(run.packets, first, last_sample, not_after_s, turns)
 
-    def _bridge_damage(self, turns: TurnAssembler) -> None:
-        """Carry on after skipped bytes; the sample count stays known where whole packets were damaged, not lost."""
+    def _bridge_damage(self, turns: TurnAssembler) -> list[LaserScan]:
+        """Carry on after skipped bytes; the sample count stays known where whole packets were damaged, not lost.
+
+        Returns what the capsules that waited complete: a turn that took too long.
+        """
         lost, rest = divmod(self._skipped, PACKET_BYTES[self._kind])
         self._skipped = 0
         if self._next_packet == 0:
-            return
+            return []
+        scans = self._decode(self._held, self._next_packet - len(self._held), turns)
         self._counts["rejected_packets"] += max(1, lost)
         self._next_packet += lost
         self._break(turns, restart_clock=rest != 0)
+        return scans
 
     def _break(self, turns: TurnAssembler, *, restart_clock: bool) -> None:
         turns.gap()
@@ -155,26 +163,37 @@ class RplidarDecoder:
         not_after_s: FloatArray,
         turns: TurnAssembler,
     ) -> list[LaserScan]:
+        """Settle capsules up to the last, whose samples depend on the next; decode them once a turn is over.
+
+        Decoding is numpy on short arrays: a turn at once costs a fraction of what its pieces would.
+        """
         held = len(self._held)
         stack = np.concatenate((self._held, packets))
         first -= held
-        steps = np.diff(start_angles_q6(stack)) % FULL_TURN_Q6
-        restarts = restart_flags(stack)[1:]
+        settled = max(held - 1, 0)  # steps known from before
+        turned = np.diff(start_angles_q6(stack[settled:]))
+        steps, restarts = turned % FULL_TURN_Q6, restart_flags(stack[settled + 1 :])
         broken = self._broken_steps(steps, restarts)
+        cuts = np.flatnonzero(restarts | broken)
+        waited_s = len(stack) * PACKET_SAMPLES[self._kind] * self._sample_s
+        if not (len(cuts) or (turned < 0).any() or turns.after_gap or waited_s > _LONGEST_WAIT_S):
+            self._clock.observe(last_sample, not_after_s)
+            self._held = stack
+            return []
         scans: list[LaserScan] = []
         start = observed = 0
-        for cut in (*np.flatnonzero(restarts | broken).tolist(), len(steps)):
+        for cut in (*(cuts + settled).tolist(), len(stack) - 1):
             known = cut + 1 - held  # packets of this run up to the cut
             if known > observed:
                 self._clock.observe(last_sample[observed:known], not_after_s[observed:known])
                 observed = known
             scans += self._decode(stack[start : cut + 1], first + start, turns)
             start = cut + 1
-            if cut == len(steps):
+            if cut == len(stack) - 1:
                 break
-            self._counts["rejected_packets"] += int(broken[cut])
+            self._counts["rejected_packets"] += int(broken[cut - settled])
             self._break(turns, restart_clock=True)
-            if restarts[cut]:
+            if restarts[cut - settled]:
                 turns.discard()
         self._held = stack[-1:].copy()
         return scans
@@ -196,10 +215,14 @@ class RplidarDecoder:
         samples = DECODERS[self._kind](packets)
         if not len(samples):
             return []
-        self._counts["samples"] += len(samples)
-        self._counts["valid_samples"] += int(np.count_nonzero(samples.distance_q2))
+        self._count(self._counts, samples)
         index = first_packet * PACKET_SAMPLES[self._kind] + np.arange(len(samples))
         return turns.add(samples, index)
+
+    @staticmethod
+    def _count(counts: dict[str, int], samples: Samples) -> None:
+        counts["samples"] += len(samples)
+        counts["valid_samples"] += int(np.count_nonzero(samples.distance_q2))
 
 
 def _inertia_limit_q6(step_q6: int) -> float:

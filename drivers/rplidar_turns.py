@@ -34,16 +34,16 @@ class TurnAssembler:
         self._epoch_ns = epoch_ns
         self._pieces: list[_Piece] = []
         self._whole = False  # did the turn under way begin at a turn's start, and without a gap since?
-        self._after_gap = False
+        self.after_gap = False  # samples were lost before those that come next
         self._newest_time_s = -np.inf
 
     def add(self, samples: Samples, index: IntArray) -> list[LaserScan]:
         """Take consecutive samples with their running index (N,); return the scans that they complete."""
         scans: list[LaserScan] = []
-        if self._after_gap and self._turn_ended_in_gap(samples, index):
+        if self.after_gap and self._turn_ended_in_gap(samples, index):
             scans += self._close()
             self._whole = False
-        self._after_gap = False
+        self.after_gap = False
         cuts = np.flatnonzero(samples.new_turn)
         start = 0
         for cut in (*cuts.tolist(), len(samples)):
@@ -61,7 +61,7 @@ class TurnAssembler:
     def gap(self) -> None:
         """Samples were lost here: the turn under way is not whole."""
         self._whole = False
-        self._after_gap = True
+        self.after_gap = True
 
     def fix_times(self) -> None:
         """Settle the times of the samples so far by the clock as it is, before it is restarted."""
@@ -71,7 +71,7 @@ class TurnAssembler:
         """Drop the turn under way: the device lost track of its angle."""
         self._pieces = []
         self._whole = False
-        self._after_gap = False
+        self.after_gap = False
 
     def _gathered(self) -> int:
         return sum(len(piece.index) for piece in self._pieces)

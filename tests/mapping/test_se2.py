@@ -46,6 +46,14 @@ def test_between_leads_from_one_pose_to_the_other(a: FloatArray, b: FloatArray) 
     assert_same_pose(se2.compose(a, se2.between(a, b)), b)
 
 
+@given(POSES, POSES)
+def test_one_pose_and_many_give_the_same_bits(a: FloatArray, b: FloatArray) -> None:
+    many_a, many_b = np.tile(a, (3, 1)), np.tile(b, (3, 1))
+    assert np.array_equal(se2.compose(many_a, many_b)[1], se2.compose(a, b))
+    assert np.array_equal(se2.inverse(many_a)[1], se2.inverse(a))
+    assert np.array_equal(se2.between(many_a, many_b)[1], se2.between(a, b))
+
+
 @given(POSES)
 def test_matrix_round_trip(pose: FloatArray) -> None:
     assert_same_pose(se2.from_matrix4(se2.to_matrix4(pose)), pose)
