@@ -9,7 +9,7 @@ tracking is lost and a new segment begins, whose place in the map is unknown unt
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,8 @@ from drivers.messages import LaserScan, Odometry
 from mapping import se2
 from mapping.deskew import deskew, reference_offset_s
 from mapping.keyframes import KeyframeStore
-from mapping.match_doubt import CLEARLY_MORE, DoubtSettings, agreement_with, is_surprising, is_weak, rescue
+from mapping.match_doubt import DoubtSettings, JudgedMatch, is_surprising, judge, rescue
+from mapping.motion import ConstantVelocity
 from mapping.mount import Mount
 from mapping.odometry import LidarOdometry, OdometrySettings, ScanMatch
 from mapping.scan_matching import Group, match_groups, single
@@ -31,7 +32,7 @@ _SECTORS = 36  # of 10 deg
 _LEAST_SECTORS = 12  # a turn with gaps is mapped if samples fall into a third of the circle
 _SCANS_TO_STEP_BACK = 3
 _MOST_WRONG_STAMPS = 2
-_LONGEST_EXTRAPOLATION_S = 0.5  # so long after the last match its velocity says nothing any more
+_LONG_GAP_S = 0.5  # a guess without wheels after so long may be anywhere
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +40,9 @@ class KeyframeSettings:
     """Which scans become keyframes, and how they are held to their predecessors.
 
     A keyframe comes every distance_m or turn_rad. It is refined on up to `predecessors` ones within reach_m, held by
-    the scan match with prior_m and prior_rad (standard deviations): that keeps a corridor from sliding. After lost_s
-    and lost_scans without a match tracking is lost.
+    the scan match with prior_m and prior_rad (standard deviations): that keeps a corridor from sliding. Without wheels
+    the graph is told that what the walls leave open is known to alone_m and alone_rad. After lost_s and lost_scans
+    without a match tracking is lost.
     """
 
     distance_m: float = 0.25
@@ -49,6 +51,8 @@ class KeyframeSettings:
     reach_m: float = 5.0
     prior_m: float = 0.03
     prior_rad: float = 0.01
+    alone_m: float = 0.3
+    alone_rad: float = 0.05
     lost_s: float = 3.0
     lost_scans: int = 10
 
@@ -58,12 +62,14 @@ class KeyframeLink:
     """A new keyframe: its number, its pose (3,) in the one before, with the information (3, 3) in its own frame.
 
     connected False: the first keyframe, or the first after tracking was lost; pose and information mean nothing then.
+    doubtful: a match since the one before may have been wrong altogether.
     """
 
     number: int
     T_previous_this: FloatArray
     information: FloatArray
     connected: bool
+    doubtful: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,10 +127,12 @@ class FrontEnd:
         self._chain: list[FloatArray] = []  # the keyframes' refined poses, each held to those before it
         self._keyframe_odom = se2.IDENTITY  # where the scan match had put the last keyframe
         self._segment_start = 0
+        self._is_doubtful = False  # whether a match since the last keyframe was
+        self._all_by_wheels = True  # whether all their guesses since then were
         self._last: tuple[int, FloatArray] | None = None  # stamp and pose of the last scan
         self._earlier: deque[tuple[int, FloatArray]] = deque(maxlen=_MOST_WRONG_STAMPS)  # and of those before
         self._retracted = 0
-        self._twist = np.zeros(3)
+        self._motion = ConstantVelocity()
         self._behind = 0
         self._matched_ns = 0  # stamp of the last pose that a match gave
         self._unmatched_in_a_row = 0
@@ -185,7 +193,7 @@ class FrontEnd:
         else:
             match = self._odometry.match(points, guess)
             if self._last is not None and match.accepted and offsets.any():
-                twist = self._twist_to(match.pose, stamp_ns)
+                twist = self._motion.twist_to(stamp_ns, match.pose)
                 points = deskew(raw, offsets, reference_s, twist)
                 match = self._odometry.match(points, match.pose)
         return [self._enter(stamp_ns, match, guess, points, from_wheels=from_wheels)]
@@ -212,7 +220,9 @@ class FrontEnd:
             self._earlier.pop()
         self.counters.mapped -= self._retracted
         self.counters.skipped_out_of_order += self._retracted
-        self._behind, self._twist, self._matched_ns = 0, np.zeros(3), self._last[0]
+        self._behind, self._matched_ns = 0, self._last[0]
+        self._motion = ConstantVelocity()
+        self._motion.enter(*self._last, matched=True)
         return False
 
     def _predict(self, scan: LaserScan, stamp_ns: int) -> tuple[FloatArray, FloatArray, bool]:
@@ -226,21 +236,7 @@ class FrontEnd:
             sweep_s = (last_ns - first_ns) * 1e-9
             twist = se2.log(self._wheels.motion(first_ns, last_ns)) / sweep_s if sweep_s > 0 else np.zeros(3)
             return guess, twist, True
-        return self._going_on(stamp_ns), self._twist, False
-
-    def _going_on(self, stamp_ns: int) -> FloatArray:
-        """Return the pose (3,) that the last velocity leads to, as long as it means anything."""
-        assert self._last is not None
-        previous_ns, previous = self._last
-        left_s = _LONGEST_EXTRAPOLATION_S - (previous_ns - self._matched_ns) * 1e-9
-        elapsed_s = min((stamp_ns - previous_ns) * 1e-9, max(left_s, 0.0))
-        return se2.compose(previous, se2.exp(self._twist * elapsed_s))
-
-    def _twist_to(self, pose: FloatArray, stamp_ns: int) -> FloatArray:
-        """Return the mean twist (3,) from the last scan's pose to this one."""
-        assert self._last is not None
-        elapsed_s = (stamp_ns - self._last[0]) * 1e-9
-        return se2.log(se2.between(self._last[1], pose)) / elapsed_s
+        return self._motion.predict(previous, stamp_ns), self._motion.twist, False
 
     def _enter(
         self, stamp_ns: int, match: ScanMatch, guess: FloatArray, points: FloatArray, *, from_wheels: bool
@@ -250,6 +246,8 @@ class FrontEnd:
         if not self._settings.wheels_only and len(self._chain) > self._segment_start:
             match = self._doubted(number, match, guess, points, stamp_ns, from_wheels=from_wheels)
         self.counters.wheel_guesses += from_wheels
+        self._is_doubtful |= match.doubtful or not match.accepted
+        self._all_by_wheels &= from_wheels
         lost = not match.accepted and self._is_lost(stamp_ns, points)
         link = self._link(number, match.pose) if match.accepted or lost else None
         if link is None:
@@ -257,16 +255,16 @@ class FrontEnd:
         else:
             self._chain.append(se2.compose(self._chain[-1], link.T_previous_this) if link.connected else match.pose)
             self._keyframe_odom = match.pose
+            self._is_doubtful, self._all_by_wheels = False, True
         if match.accepted or lost:
             self._unmatched_in_a_row = 0
             self.counters.mapped += 1
-            if self._last is not None and not lost:
-                self._twist = self._twist_to(match.pose, stamp_ns)
             self._matched_ns = stamp_ns
             self._odometry.learn(points, match.pose)
         else:
             self._unmatched_in_a_row += 1
             self.counters.unmatched += 1
+        self._motion.enter(stamp_ns, match.pose, matched=match.accepted or lost)
         if self._last is not None:
             self._earlier.append(self._last)
         self._last = (stamp_ns, match.pose)
@@ -283,30 +281,41 @@ class FrontEnd:
         """
         limits, clouds = self._settings.doubt, self.keyframes.snapshot()
         recent = self._recent(self._in_chain(guess))
-        elapsed_s = (stamp_ns - self._matched_ns) * 1e-9
-        agreed = agreement_with(clouds, number, self._in_chain(match.pose), recent)
-        surprising = self._unmatched_in_a_row > 0 or is_surprising(se2.between(guess, match.pose), limits)
-        is_usable = match.accepted and not is_weak(agreed, limits, surprising=surprising)
-        after_gap = not from_wheels and elapsed_s > _LONGEST_EXTRAPOLATION_S
-        if is_usable and agreed.hit_share >= limits.sound_share and not after_gap:
+        again, elapsed_s = self._unmatched_in_a_row > 0, self._motion.since_match_s(stamp_ns)
+
+        def judged(candidate: ScanMatch, *, surprising: bool) -> JudgedMatch:
+            return judge(
+                clouds, number, candidate, self._in_chain(candidate.pose), recent, limits, surprising=surprising
+            )
+
+        first = judged(match, surprising=again or is_surprising(se2.between(guess, match.pose), limits))
+        after_gap = not from_wheels and elapsed_s > _LONG_GAP_S
+        is_good = first.is_sound and not (after_gap or first.surprising)
+        if is_good and (from_wheels or first.agreed.hit_share >= limits.sure_share_alone):
             return match
-        if from_wheels:  # that stall or jump mislead more than none would
-            going_on = self._odometry.match(points, self._going_on(stamp_ns))
-            steady = agreement_with(clouds, number, self._in_chain(going_on.pose), recent)
-            is_better = not is_usable or steady.hits > CLEARLY_MORE * agreed.hits
-            if going_on.accepted and is_better and not is_weak(steady, limits, surprising=True):
-                return going_on
+        other = self._odometry.match(points, self._other_guess(stamp_ns, from_wheels=from_wheels))
+        second = judged(other, surprising=from_wheels or again or is_surprising(other.correction, limits))
+        if second.is_better_than(first):
+            return replace(other, doubtful=second.surprising)
         rescued = rescue(clouds, number, self._in_chain(guess), recent, elapsed_s, limits)
-        if rescued is not None and (
-            not is_usable or agreement_with(clouds, number, rescued, recent).hits > CLEARLY_MORE * agreed.hits
-        ):
-            self.counters.rescued += 1
+        if rescued is not None:
             pose = se2.compose(self._keyframe_odom, se2.between(self._chain[-1], rescued))
-            return ScanMatch(pose, se2.between(guess, pose), accepted=True)
-        if is_usable:
-            return match
+            found = ScanMatch(pose, se2.between(guess, pose), accepted=True, doubtful=True)
+            if judged(found, surprising=True).is_better_than(first):
+                self.counters.rescued += 1
+                return found
+        if first.is_usable:
+            return replace(match, doubtful=not is_good)
         reason = match.reason or "it contradicts what was seen before, and nothing better was found nearby"
         return ScanMatch(guess, match.correction, accepted=False, reason=reason)
+
+    def _other_guess(self, stamp_ns: int, *, from_wheels: bool) -> FloatArray:
+        """Return a second guess (3,): wheels that stall or jump mislead more than none would.
+
+        And so does a velocity once the robot brakes.
+        """
+        assert self._last is not None
+        return self._motion.predict(self._last[1], stamp_ns) if from_wheels else self._last[1]
 
     def _is_lost(self, stamp_ns: int, points: FloatArray) -> bool:
         """Whether to give up and begin a new segment with this scan."""
@@ -319,7 +328,7 @@ class FrontEnd:
         self.counters.lost += 1
         self._odometry = LidarOdometry(self._settings.odometry)
         self._segment_start = len(self._chain)
-        self._twist = np.zeros(3)
+        self._motion.restart()
         return True
 
     def _link(self, number: int, pose: FloatArray) -> KeyframeLink | None:
@@ -337,7 +346,9 @@ class FrontEnd:
         base = self._chain[-1]
         fixed = Group(near.keyframes, se2.between(base, near.poses))
         match = match_groups(self.keyframes.snapshot(), single(number), fixed, moved, (0.3, 0.2, 0.1), prior=prior)
-        return KeyframeLink(number, match.pose, match.information_with(prior), connected=True)
+        known = prior if self._all_by_wheels else np.diag([limits.alone_m**-2.0] * 2 + [limits.alone_rad**-2.0])
+        information = match.information_with(known)
+        return KeyframeLink(number, match.pose, information, connected=True, doubtful=self._is_doubtful)
 
     def _in_chain(self, pose: FloatArray) -> FloatArray:
         """Return an odom pose (3,) as the refined chain of keyframes sees it."""

@@ -145,6 +145,7 @@ class GraphSlam:
                 "link_poses": np.array([link.T_previous_this for link in self._links]),
                 "link_information": np.array([link.information for link in self._links]),
                 "link_connected": np.array([link.connected for link in self._links]),
+                "link_doubtful": np.array([link.doubtful for link in self._links]),
                 "closure_pairs": np.array([(each.first, each.second) for each in closures], np.int64).reshape(-1, 2),
                 "closure_poses": np.array([each.T_first_second for each in closures]).reshape(-1, 3),
                 "closure_information": np.array([each.information for each in closures]).reshape(-1, 3, 3),
@@ -162,10 +163,13 @@ class GraphSlam:
         self._keyframes.restore(state.clouds)
         self._poses = np.array(arrays["poses"], dtype=np.float64)
         self._travelled, self._segments = arrays["travelled"].tolist(), arrays["segments"].tolist()
-        links = zip(arrays["link_poses"], arrays["link_information"], arrays["link_connected"], strict=True)
+        links = zip(
+            arrays["link_poses"], arrays["link_information"], arrays["link_connected"], arrays["link_doubtful"],
+            strict=True,
+        )  # fmt: skip
         self._links = [
-            KeyframeLink(number, pose, information, connected=bool(connected))
-            for number, (pose, information, connected) in enumerate(links)
+            KeyframeLink(number, pose, information, connected=bool(connected), doubtful=bool(doubtful))
+            for number, (pose, information, connected, doubtful) in enumerate(links)
         ]
         found = zip(
             arrays["closure_pairs"].tolist(), arrays["closure_poses"], arrays["closure_information"],
@@ -318,7 +322,10 @@ class GraphSlam:
         self._poses = np.vstack([outcome.poses, se2.compose(outcome.poses[-1], later)])
 
     def _steps(self) -> Constraints:
-        """Return the front end's relative poses as constraints; a step over a loss says nothing."""
+        """Return the front end's relative poses as constraints, those by doubtful matches as ones that may be wrong.
+
+        A step over a loss says nothing.
+        """
         count = len(self._links) - 1
         measured = [
             link.T_previous_this if link.connected else se2.between(self._poses[number], self._poses[number + 1])
@@ -327,7 +334,8 @@ class GraphSlam:
         information = [link.information if link.connected else _LOST for link in self._links[1:]]
         return Constraints(
             np.arange(count), np.arange(1, count + 1), np.array(measured).reshape(-1, 3),
-            np.array(information).reshape(-1, 3, 3), np.zeros(count, np.bool_),
+            np.array(information).reshape(-1, 3, 3),
+            np.array([link.connected and link.doubtful for link in self._links[1:]], dtype=np.bool_),
         )  # fmt: skip
 
     def _in_map(self) -> NDArray[np.bool_]:

@@ -66,7 +66,7 @@ def refine_jointly(
     constraints are the pose graph's: steps of the front end and, marked robust, the closures.
     """
     current = np.array(poses, dtype=np.float64)
-    held = _with_prior(constraints, settings)
+    held = _with_prior(constraints, current, settings)
     believed = EFFECTIVE_SHARE / SIGMA_M**2
     first = second = np.zeros(0, np.int64)
     for sweep, gate_m in enumerate(settings.gates_m):
@@ -130,14 +130,17 @@ def _best_partners(keyframe: int, others: IndexArray, shares: FloatArray, settin
     return np.concatenate([in_time, elsewhere, own_pass])
 
 
-def _with_prior(constraints: Constraints, settings: RefinementSettings) -> Constraints:
-    """Return the constraints with the front end's steps trusted as the settings say; weak links stay weak."""
+def _with_prior(constraints: Constraints, poses: FloatArray, settings: RefinementSettings) -> Constraints:
+    """Return the constraints with the steps as the graph left them, trusted as the settings say; weak ones stay weak.
+
+    A step that closures have set right, along a corridor perhaps, must not be drawn back to what was measured.
+    """
     prior = np.diag([settings.prior_m**-2.0, settings.prior_m**-2.0, settings.prior_rad**-2.0])
     steps = ~constraints.robust & (constraints.information[:, 2, 2] > 1.0)
     information = np.where(steps[:, None, None], prior, constraints.information)
-    return Constraints(
-        constraints.first, constraints.second, constraints.T_first_second, information, constraints.robust
-    )
+    settled = se2.between(poses[constraints.first], poses[constraints.second])
+    relative = np.where(steps[:, None], settled, constraints.T_first_second)
+    return Constraints(constraints.first, constraints.second, relative, information, constraints.robust)
 
 
 @njit(cache=True, nogil=True)

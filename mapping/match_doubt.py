@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.correlation import SearchWindow, likelihood_field, search
 from mapping.keyframes import Clouds
+from mapping.odometry import ScanMatch
 from mapping.scan_matching import Agreement, Group, group_agreement, match_groups, single
 
 FloatArray = NDArray[np.float64]
 
-CLEARLY_MORE = 1.1  # hits of a match that takes another's place
+_CLEARLY_MORE = 1.1  # hits of a match that takes another's place
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +26,8 @@ class DoubtSettings:
     weak_overlap of the samples. One that is farther than surprise_m or surprise_rad from the guess, or follows a weak
     one, needs the sure_share: a robot that was carried to a place that looks alike finds walls there too, but not where
     the wheels say and not as many. With less than sound_share a match gives way to a clearly better one. That is looked
-    for around the guess, rescue_m and rescue_rad far and more for every second since the last match.
+    for around the guess, rescue_m and rescue_rad far and more for every second since the last match. Without wheels a
+    match with less than sure_share_alone is compared with one from where the robot was.
     """
 
     sound_share: float = 0.85
@@ -34,6 +36,7 @@ class DoubtSettings:
     surprise_m: float = 0.15
     surprise_rad: float = 0.12
     sure_share: float = 0.87
+    sure_share_alone: float = 0.95
     rescue_m: float = 1.0
     rescue_m_per_s: float = 1.0
     most_rescue_m: float = 3.0
@@ -41,6 +44,35 @@ class DoubtSettings:
     rescue_rad_per_s: float = 1.5
     rescue_score: float = 0.55
     rescue_rival: float = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JudgedMatch:
+    """A match and what the last keyframes say of it: whether it may be used, and whether it needs no second thought.
+
+    surprising: it lies where nobody would have expected it.
+    """
+
+    match: ScanMatch
+    agreed: Agreement
+    surprising: bool
+    is_usable: bool
+    is_sound: bool
+
+    def is_better_than(self, other: JudgedMatch) -> bool:
+        """Whether this one takes the other's place."""
+        return self.is_usable and (not other.is_usable or self.agreed.hits > _CLEARLY_MORE * other.agreed.hits)
+
+
+def judge(
+    clouds: Clouds, number: int, match: ScanMatch, pose: FloatArray, recent: Group, limits: DoubtSettings,
+    *, surprising: bool,
+) -> JudgedMatch:  # fmt: skip
+    """Return what the recent keyframes say of a match of scan `number`, at a pose (3,) in their frame."""
+    agreed = agreement_with(clouds, number, pose, recent)
+    is_usable = match.accepted and not is_weak(agreed, limits, surprising=surprising)
+    is_sound = is_usable and agreed.hit_share >= limits.sound_share
+    return JudgedMatch(match, agreed, surprising, is_usable, is_sound)
 
 
 def agreement_with(clouds: Clouds, number: int, pose: FloatArray, recent: Group) -> Agreement:

@@ -47,12 +47,14 @@ class ScanMatch:
     """Pose (3,) of the body in the odom frame after a match, and how far it lies from the guess.
 
     accepted False: the pose is the guess, `reason` says why, and the local map did not learn from the scan.
+    doubtful: it is the best there is, but may be at the wrong place altogether.
     """
 
     pose: FloatArray
     correction: FloatArray
     accepted: bool
     reason: str = ""
+    doubtful: bool = False
 
 
 class LidarOdometry:

@@ -90,6 +90,28 @@ def test_two_seconds_without_sight_are_bridged(along) -> None:
     assert off_m(tracked, along)[-20:].max() < 0.06
 
 
+def test_scans_that_come_in_bursts_are_tracked_without_wheels(along) -> None:
+    """Three scans within milliseconds, then nothing: a velocity over such an interval means nothing."""
+    first_ns = along.scans[0].stamp_ns
+    bursts = [
+        replace(scan, stamp_ns=first_ns + 300_000_000 * (n // 3 + 1) + 1_000_000 * (n % 3), offsets_s=np.zeros(360))
+        for n, scan in enumerate(along.scans)
+    ]
+    front, tracked = track(bursts)
+    assert (front.counters.mapped, front.counters.lost) == (len(bursts), 0)
+    truth = along.truth.at(np.array([scan.stamp_ns for scan in along.scans]))
+    poses = np.array([scan.match.pose for scan in tracked])
+    assert np.hypot(*(poses - se2.between(truth[0], truth))[:, :2].T).max() < 0.08
+
+
+def test_a_velocity_that_misleads_gives_way_to_standing_still(along) -> None:
+    """The robot stops dead from a good speed; the guess of its velocity is off by more than is believed unasked."""
+    standing = [replace(along.scans[40], stamp_ns=scan.stamp_ns) for scan in along.scans[41:60]]
+    front, tracked = track([*along.scans[:41:8], *standing])
+    assert (front.counters.lost, front.counters.unmatched) == (0, 0)
+    assert all(scan.match.accepted for scan in tracked)
+
+
 def test_without_rescue_the_same_gap_would_end_the_tracking(along) -> None:
     scans = [*along.scans[:40], *along.scans[60:]]
     narrow = DoubtSettings(rescue_m=0.0, rescue_m_per_s=0.0, rescue_rad=0.0, rescue_rad_per_s=0.0)
