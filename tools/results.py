@@ -30,6 +30,8 @@ from tools.pipeline import MappingFlow
 FloatArray = NDArray[np.float64]
 Report = dict[str, Any]  # a JSON object
 
+_MOST_LOST_LINES = 6
+
 
 def new_run_folder(chosen: Path | None) -> Path:
     """Create and return the folder for results: the chosen one, or a new runs/<local time>; raises ToolError."""
@@ -113,16 +115,28 @@ def save_results(
 
 
 def lost_pieces(report: Report) -> list[str]:
-    """Return a line for each piece of the drive that tracking lost and no loop closure could place in the map."""
+    """Return a line for each piece of the drive that tracking lost and no loop closure could place in the map.
+
+    Of many the longest have a line each, and one says how much the others are.
+    """
+    lost = [(number, piece) for number, piece in enumerate(report["slam"]["segments"]) if not piece["in_map"]]
+    by_length = sorted(lost, key=lambda each: -each[1]["scans"])
     lines = []
-    for number, piece in enumerate(report["slam"]["segments"]):
-        if not piece["in_map"]:
-            where = "from the beginning" if number == 0 else "where tracking was lost"
-            seconds = (piece["end_ns"] - piece["start_ns"]) * 1e-9
-            lines.append(
-                f"not in the map: {piece['scans']} scans in {seconds:.0f} s, {where} at {piece['start_ns'] * 1e-9:.3f}"
-            )
+    for number, piece in sorted(by_length[:_MOST_LOST_LINES], key=lambda each: each[0]):
+        where = "from the beginning" if number == 0 else "where tracking was lost"
+        start_s = piece["start_ns"] * 1e-9
+        lines.append(f"not in the map: {piece['scans']} scans in {_seconds(piece):.0f} s, {where} at {start_s:.3f}")
+    others = [piece for _, piece in by_length[_MOST_LOST_LINES:]]
+    if others:
+        scans, total_s = sum(piece["scans"] for piece in others), sum(_seconds(piece) for piece in others)
+        lines.append(
+            f"not in the map: {len(others)} shorter pieces, {scans} scans in {total_s:.0f} s: report.json lists them"
+        )
     return lines
+
+
+def _seconds(piece: Report) -> float:
+    return float(piece["end_ns"] - piece["start_ns"]) * 1e-9
 
 
 def decoding_summary(streams: Sequence[DecoderCounters]) -> Report:

@@ -17,6 +17,7 @@ from tools.results import (
     check_run_folder,
     decoding_summary,
     grid_snapshot,
+    lost_pieces,
     new_run_folder,
     save_results,
 )
@@ -84,3 +85,20 @@ def test_a_file_without_a_folder_is_refused_before_the_work(tmp_path):
             check_new_file(bad)
     check_new_file(tmp_path / "truth.tum")
     assert not (tmp_path / "truth.tum").exists()
+
+
+def piece(start_s: int, scans: int, *, in_map: bool) -> dict:
+    return {"start_ns": start_s * 10**9, "end_ns": (start_s + scans) * 10**9, "scans": scans, "in_map": in_map}
+
+
+def test_each_lost_piece_has_a_line():
+    report = {"slam": {"segments": [piece(100, 9, in_map=False), piece(200, 80, in_map=True)]}}
+    assert lost_pieces(report) == ["not in the map: 9 scans in 9 s, from the beginning at 100.000"]
+
+
+def test_of_many_lost_pieces_the_longest_have_a_line_and_the_others_are_summed():
+    segments = [piece(1000 * n, 10 + n, in_map=n == 4) for n in range(40)]
+    *longest, rest = lost_pieces({"slam": {"segments": segments}})
+    assert [line.split()[4] for line in longest] == ["44", "45", "46", "47", "48", "49"]
+    shorter = sum(10 + n for n in range(34) if n != 4)
+    assert rest == f"not in the map: 33 shorter pieces, {shorter} scans in {shorter} s: report.json lists them"
