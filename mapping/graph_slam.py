@@ -1,7 +1,9 @@
 """The back end: keyframes and loops in a pose graph, and every scan's pose in the map that follows from it.
 
 A search for loops works on what is known at one keyframe and takes effect `delay` keyframes later, wherever it runs: in
-another thread while the robot drives, or at once in a replay. Both give the same map, bit for bit.
+another thread while the robot drives, or at once in a replay. Both give the same map, bit for bit. The same holds for
+the joint refinement: each time that the drive has doubled all keyframes are matched with each other in the background,
+and what comes out replaces the measured relative poses, so that no later optimisation forgets it.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,25 +42,39 @@ from mapping.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
-Search = Callable[[], LoopOutcome]
-Background = Callable[[Search], Search]  # takes up a search; what it returns waits for the outcome
+_T = TypeVar("_T")
+
+
+class Background(Protocol):
+    """Takes up a task; what it returns waits for the outcome."""
+
+    def __call__(self, task: Callable[[], _T], /) -> Callable[[], _T]:
+        """Take up a task."""
+        ...
+
 
 _LOST = np.diag([1e-6, 1e-6, 1e-4])  # information of a step over which tracking was lost: none, but not singular
 _LAST_ITERATIONS = 20
 
 
-def at_once(search: Search) -> Search:
-    """Run a search here and now: the background of a replay."""
-    outcome = search()
+def at_once(task: Callable[[], _T], /) -> Callable[[], _T]:
+    """Run a task here and now: the background of a replay."""
+    outcome = task()
     return lambda: outcome
 
 
 @dataclass(frozen=True, slots=True)
 class GraphSettings:
-    """Settings of loops and refinement; a search begins every `delay` keyframes and counts as many later."""
+    """Settings of loops and refinement; a search begins every `delay` keyframes and counts as many later.
+
+    A refinement begins with first_refinement keyframes and whenever there are twice as many as the last time, and
+    counts once there are half as many again. refine_on_the_way False: only `refine` does it.
+    """
 
     loop_closure: bool = True
     delay: int = 10
+    refine_on_the_way: bool = True
+    first_refinement: int = 100
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()
     archive_bytes: int = 200_000_000
@@ -65,9 +82,10 @@ class GraphSettings:
 
 @dataclass(slots=True)
 class GraphCounters:
-    """What became of the loops."""
+    """What became of the loops, and how often all keyframes were refined on the way."""
 
     searches: int = 0
+    refinements: int = 0
     found: int = 0
     unconfirmed: int = 0
     withdrawn: int = 0
@@ -92,6 +110,15 @@ class PoseGraph:
     closures: IndexArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Refinement:
+    """A refinement under way: of so many keyframes, with these closures."""
+
+    keyframes: int
+    closures: tuple[Closure, ...]
+    poses: Callable[[], FloatArray | None]
+
+
 class GraphSlam:
     """Holds the graph; keyframes is the front end's store, which it shares."""
 
@@ -102,7 +129,10 @@ class GraphSlam:
         self._settings = settings
         self._keyframes = keyframes
         self._background = background
-        self._pending: Search | None = None
+        self._pending: Callable[[], LoopOutcome] | None = None
+        self._refinement: _Refinement | None = None
+        self._refined = 0  # keyframes at the last refinement
+        self._renewed = False  # whether measurements have changed since the last optimisation
         self._poses = np.zeros((0, 3))
         self._travelled: list[float] = []
         self._segments: list[int] = []
@@ -185,6 +215,7 @@ class GraphSlam:
     def finish(self) -> None:
         """Wait for the last search, look once more from the end of the drive, and optimise to the end."""
         self._take_effect()
+        self._take_refinement()
         if len(self._poses) < 2 or not self._settings.loop_closure:
             return
         for query in dict.fromkeys((len(self._poses) - 1 - self._settings.loops.half_group, len(self._poses) - 1)):
@@ -208,11 +239,7 @@ class GraphSlam:
         """
         if len(self._poses) < 2:
             return True
-        constraints = self._steps().joined(constraints_of(self.closures))
-        poses = refine_jointly(
-            self._keyframes.snapshot(), self._poses, constraints, self._settings.refinement,
-            kernel=self._settings.loops.kernels[-1], cancelled=cancelled,
-        )  # fmt: skip
+        poses = self._refine_keyframes(cancelled)()
         if poses is None:
             return False
         refined: dict[int, FloatArray] = {}
@@ -222,6 +249,7 @@ class GraphSlam:
             found = self._refined_scan(number, poses)
             if found is not None:
                 refined[number] = found
+        self._learn(poses, self.closures)
         self._poses = poses
         for number, T_keyframe_scan in refined.items():
             self.archive.move(number, T_keyframe_scan)
@@ -279,9 +307,58 @@ class GraphSlam:
         self._odom_pose = odom_pose
         if self._settings.loop_closure and len(self._poses) % self._settings.delay == 0:
             self._take_effect()
+            self._refine_on_the_way()
             query = len(self._poses) - 1 - self._settings.loops.half_group
             if query > 0:
                 self._begin_search(query)
+
+    def _refine_on_the_way(self) -> None:
+        """Let a refinement count that was begun long enough ago, or begin one once the drive has doubled."""
+        settings, count = self._settings, len(self._poses)
+        if self._refinement is not None and 2 * count >= 3 * self._refinement.keyframes:
+            self._take_refinement()
+        if not settings.refine_on_the_way or self._refinement is not None:
+            return
+        if count >= max(settings.first_refinement, 2 * self._refined):
+            self.counters.refinements += 1
+            task = self._background(self._refine_keyframes(lambda: False))
+            self._refinement = _Refinement(count, self.closures, task)
+
+    def _refine_keyframes(self, cancelled: Callable[[], bool]) -> Callable[[], FloatArray | None]:
+        """Return the joint refinement of all that is known now, to be run; None comes out if it was cancelled."""
+        return partial(
+            refine_jointly, self._keyframes.snapshot(), self._poses.copy(),
+            self._steps().joined(constraints_of(self.closures)), self._settings.refinement,
+            kernel=self._settings.loops.kernels[-1], cancelled=cancelled,
+        )  # fmt: skip
+
+    def _take_refinement(self) -> None:
+        """Wait for the pending refinement and learn from it; the next search optimises the graph with that."""
+        if self._refinement is None:
+            return
+        refinement, self._refinement = self._refinement, None
+        self._refined, poses = refinement.keyframes, refinement.poses()
+        if poses is not None:
+            self._learn(poses, refinement.closures)
+            self._renewed = True
+
+    def _learn(self, poses: FloatArray, closures: tuple[Closure, ...]) -> None:
+        """Take the relative poses of keyframes (K, 3), refined with these closures, for the measured ones.
+
+        A loop that they contradict stays as it is, and so does one that was found since.
+        """
+        for number in range(1, len(poses)):
+            if self._links[number].connected:
+                relative = se2.between(poses[number - 1], poses[number])
+                self._links[number] = replace(self._links[number], T_previous_this=relative)
+        kept = chi_squared(poses, constraints_of(closures)) <= self._settings.loops.withdrawn_chi2
+        learned = {id(closure) for closure, good in zip(closures, kept, strict=True) if good}
+        self.closures = tuple(
+            replace(closure, T_first_second=se2.between(poses[closure.first], poses[closure.second]))
+            if id(closure) in learned
+            else closure
+            for closure in self.closures
+        )
 
     def _step(self, link: KeyframeLink, odom_pose: FloatArray) -> FloatArray:
         """Return the pose (3,) of a new keyframe in the one before; after a loss, as the front end guessed it."""
@@ -300,7 +377,10 @@ class GraphSlam:
 
     def _begin_search(self, query: int) -> None:
         self.counters.searches += 1
-        self._pending = self._background(partial(close_loops, self._drive(), query, self._settings.loops))
+        renewed, self._renewed = self._renewed, False
+        self._pending = self._background(
+            partial(close_loops, self._drive(), query, self._settings.loops, renewed=renewed)
+        )
 
     def _drive(self) -> Drive:
         """Return what is known now, in arrays that later keyframes do not change."""

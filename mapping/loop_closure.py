@@ -109,10 +109,13 @@ class LoopOutcome:
     unconfirmed: int = 0
 
 
-def close_loops(drive: Drive, query: int, settings: LoopSettings) -> LoopOutcome:
-    """Look for loops of keyframe `query` with the past, and optimise the graph where that changes it."""
+def close_loops(drive: Drive, query: int, settings: LoopSettings, *, renewed: bool = False) -> LoopOutcome:
+    """Look for loops of keyframe `query` with the past, and optimise the graph where that changes it.
+
+    renewed: measurements have changed since the last time, so it must be optimised in any case.
+    """
     found, unconfirmed = find_closures(drive, query, settings)
-    if not found:
+    if not found and not renewed:
         return LoopOutcome(drive.closures, drive.poses, unconfirmed=unconfirmed)
     closures = (*drive.closures, *found)
     placed = replace(drive, poses=_joined(drive, found))

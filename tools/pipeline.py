@@ -11,13 +11,14 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from drivers.messages import LaserScan, LidarStream, Message, Odometry, RawChunk, Transform
 from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
 from mapping.frames import find_mount
-from mapping.graph_slam import Background, GraphSettings, Search, at_once
+from mapping.graph_slam import Background, GraphSettings, at_once
 from mapping.graph_state import GraphState
 from mapping.loop_closure import LoopSettings
 from mapping.mount import Mount
@@ -28,6 +29,9 @@ from tools.config import Config
 LASER_FRAME = "laser"  # of our own driver
 BASE_FRAMES = ("base_link", "base_footprint")
 _LOOK_AHEAD_CHUNKS = 200
+_BACKGROUND_THREADS = 2  # a search for loops does not wait for a refinement
+
+_T = TypeVar("_T")
 
 
 class LidarDecoding:
@@ -107,11 +111,11 @@ class MappingFlow:
 
 @contextmanager
 def search_thread() -> Iterator[Background]:
-    """Yield a background in which loops are searched for by one other thread, while the caller maps on."""
-    with ThreadPoolExecutor(1, thread_name_prefix="loops") as executor:
+    """Yield a background in which other threads search for loops and refine the map, while the caller maps on."""
+    with ThreadPoolExecutor(_BACKGROUND_THREADS, thread_name_prefix="slam") as executor:
 
-        def begin(search: Search) -> Search:
-            return executor.submit(search).result
+        def begin(task: Callable[[], _T], /) -> Callable[[], _T]:
+            return executor.submit(task).result
 
         yield begin
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mapping.front_end
+import mapping.graph_slam
 from drivers.errors import RecordingError
 from drivers.messages import LaserScan, Message
 from drivers.recording_reader import Recording, open_recording
 from mapping.errors import RelationsError
-from mapping.graph_slam import GraphSlam, Search
+from mapping.graph_slam import GraphSlam
 from mapping.odometry import LidarOdometry
 from mapping.relations import read_relations, relation_errors
 from mapping.trajectory import Trajectory
@@ -36,6 +37,8 @@ _PARTS = (
     (LidarOdometry, "learn", MATCH),
     (mapping.front_end, "match_groups", LINES),
     (GraphSlam, "add", GRAPH),
+    (mapping.graph_slam, "close_loops", SEARCH),
+    (mapping.graph_slam, "refine_jointly", REFINE),  # on the way and at the end
 )
 
 
@@ -129,9 +132,7 @@ def bench_slam(path: Path, config: Config | None, relations: tuple[Path, ...] = 
     with open_recording(path) as recording:
         settings = config or recorded_config(recording)
         setup = look_ahead(recording.messages(settings.replay.scan_topic), settings)
-        flow = MappingFlow(
-            settings, setup.mount, sweep_reversed=setup.sweep.is_reversed, background=_timed_searches(watch)
-        )
+        flow = MappingFlow(settings, setup.mount, sweep_reversed=setup.sweep.is_reversed)
         reset_peak()
         at_start = memory()
         with watch.timing(_PARTS):
@@ -204,17 +205,6 @@ def _map_all(messages: Iterator[Message], flow: MappingFlow, watch: Stopwatch, c
     with watch.stage(FINISH):
         flow.finish()
     return scan_cpu_s or [0.0]
-
-
-def _timed_searches(watch: Stopwatch) -> Callable[[Search], Search]:
-    """Return a background that searches at once, as a replay does, and is timed."""
-
-    def begin(search: Search) -> Search:
-        with watch.stage(SEARCH):
-            outcome = search()
-        return lambda: outcome
-
-    return begin
 
 
 def _stages(watch: Stopwatch, scans: int) -> tuple[Stage, ...]:

@@ -9,9 +9,8 @@ import pytest
 
 from mapping import se2
 from mapping.front_end import KeyframeLink, TrackedScan
-from mapping.graph_slam import GraphSettings, GraphSlam, Search, at_once
+from mapping.graph_slam import GraphSettings, GraphSlam, at_once
 from mapping.keyframes import KeyframeStore
-from mapping.loop_closure import LoopOutcome
 from mapping.odometry import ScanMatch
 from mapping.surface import surface_of
 
@@ -113,7 +112,7 @@ def test_poses_as_known_then_begin_where_odometry_does(driven: Driven, building,
 def test_a_search_in_a_thread_gives_the_same_bits(driven: Driven, building, scan_poses) -> None:
     with ThreadPoolExecutor(1) as pool:
 
-        def in_a_thread(search: Search) -> Search:
+        def in_a_thread(search):
             return pool.submit(search).result
 
         threaded = Driven(building, scan_poses, background=in_a_thread).feed(0, len(scan_poses))
@@ -126,7 +125,7 @@ def test_a_search_in_a_thread_gives_the_same_bits(driven: Driven, building, scan
 def test_a_search_as_late_as_can_be_gives_the_same_bits(driven: Driven, building, scan_poses) -> None:
     """It runs when its outcome is asked for: what it was given must not have changed by then."""
 
-    def at_last(search: Search) -> Callable[[], LoopOutcome]:
+    def at_last(search):
         return search
 
     late = Driven(building, scan_poses, background=at_last).feed(0, len(scan_poses))
@@ -157,6 +156,27 @@ def test_refinement_improves_the_map_and_a_cancelled_one_changes_nothing(buildin
     assert inner_error(after, scan_poses) < 0.03
 
 
+def test_a_refined_map_stays_refined_whatever_is_optimised_later(building, scan_poses) -> None:
+    graph = Driven(building, scan_poses).feed(0, len(scan_poses)).finish()
+    assert graph.refine()
+    refined = graph.keyframe_poses.copy()
+    graph.finish()  # searches and optimises once more, as the next drive on this map would
+    assert apart_m(graph.keyframe_poses, refined) < 0.005
+
+
+def test_on_the_way_the_map_is_refined_each_time_the_drive_has_doubled(building, scan_poses) -> None:
+    early = replace(SETTINGS, first_refinement=40)
+    graph = Driven(building, scan_poses, early).feed(0, len(scan_poses)).finish()
+    assert graph.counters.refinements == int(np.log2(len(graph.keyframe_poses) / 40)) + 1
+    never = replace(SETTINGS, refine_on_the_way=False)
+    plain = Driven(building, scan_poses, never).feed(0, len(scan_poses)).finish()
+    assert plain.counters.refinements == 0
+    first = slice(0, 100)  # of scans, refined by the time that the drive ends
+    assert apart_m(*(se2.between(each[first][0], each[first]) for each in (graph.trajectory().poses, scan_poses))) < (
+        0.6 * apart_m(*(se2.between(each[first][0], each[first]) for each in (plain.trajectory().poses, scan_poses)))
+    )
+
+
 # Pieces of the drive
 
 
@@ -174,7 +194,8 @@ def test_a_lost_robot_is_tied_to_the_map_where_it_is(turn: float, building, scan
 
 
 def test_a_lost_robot_in_an_unknown_place_is_left_out(building, scan_poses, room, site) -> None:
-    driven = Driven(building, scan_poses[:150]).feed(0, 150)
+    unrefined = replace(SETTINGS, refine_on_the_way=False)
+    driven = Driven(building, scan_poses[:150], unrefined).feed(0, 150)
     alone = driven.graph.keyframe_poses.copy()
     elsewhere = np.column_stack([np.linspace(2.0, 6.0, 60), np.full(60, 2.0), np.zeros(60)])
     driven.site, driven.truth = site(room), np.vstack([scan_poses[:150], elsewhere])
