@@ -111,6 +111,29 @@ class PoseGraph:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PlacedScans:
+    """The scans of a drive in the map: keyframe poses (K, 3), and in_map (K,) whether a keyframe's place is known."""
+
+    archive: ScanArchive
+    poses: FloatArray
+    in_map: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.archive)
+
+    def get(self, number: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return pose (3,) in the map and points (N, 2) in the body frame of a scan; None where it is not drawn."""
+        scan = self.archive[number]
+        if scan.points is None or not scan.matched or not self.in_map[scan.keyframe]:
+            return None
+        return se2.compose(self.poses[scan.keyframe], scan.T_keyframe_scan), scan.points
+
+    def copy(self) -> PlacedScans:
+        """Return the same, of which later changes are not seen."""
+        return PlacedScans(self.archive.copy(), self.poses.copy(), self.in_map.copy())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Refinement:
     """A refinement under way: of so many keyframes, with these closures."""
 
@@ -285,14 +308,14 @@ class GraphSlam:
             np.array(closures, dtype=np.int64).reshape(-1, 2),
         )
 
+    def placed(self) -> PlacedScans:
+        """Return all scans where they lie now: a view, which changes with the graph."""
+        return PlacedScans(self.archive, self._poses, self._in_map())
+
     def placed_scans(self) -> list[tuple[FloatArray, FloatArray]]:
         """Return pose (3,) in the map and points (N, 2) in the body frame of each matched scan that is kept."""
-        in_map, placed = self._in_map(), []
-        for number in range(len(self.archive)):
-            scan = self.archive[number]
-            if scan.points is not None and scan.matched and in_map[scan.keyframe]:
-                placed.append((se2.compose(self._poses[scan.keyframe], scan.T_keyframe_scan), scan.points))
-        return placed
+        placed = self.placed()
+        return [scan for number in range(len(placed)) if (scan := placed.get(number)) is not None]
 
     def _add_keyframe(self, link: KeyframeLink, odom_pose: FloatArray) -> None:
         """Enter a keyframe and, every `delay` of them, let one search take effect and begin the next."""
@@ -420,9 +443,9 @@ class GraphSlam:
 
     def _in_map(self) -> NDArray[np.bool_]:
         """Return for each keyframe (K,) whether it belongs to the map: to the part with the most keyframes."""
+        if not self._segments or self._segments[-1] == 0:
+            return np.ones(len(self._segments), np.bool_)
         segments = np.array(self._segments, dtype=np.int64)
-        if len(segments) == 0:
-            return np.zeros(0, np.bool_)
         component = components_of(segments, self.closures)
         return np.asarray(component == np.bincount(component).argmax())
 

@@ -19,6 +19,7 @@ from mapping.front_end import FrontEnd, FrontEndSettings, KeyframeSettings, Mapp
 from mapping.graph_slam import Background, GraphSettings, GraphSlam, at_once
 from mapping.graph_state import GraphState
 from mapping.grid import GridBuilder, OccupancyGrid
+from mapping.live_grid import LiveGrid
 from mapping.mount import Mount
 from mapping.odometry import OdometrySettings, ScanMatch
 from mapping.sensor_models import LidarModel
@@ -64,9 +65,14 @@ class MappedScan:
 
 
 class Mapper:
-    """SLAM for one robot; background decides where loops are searched for."""
+    """SLAM for one robot; background decides where loops are searched for.
 
-    def __init__(self, settings: MappingSettings, mount: Mount, background: Background = at_once) -> None:
+    live: `live_grid` is the map at any time. Else it is None: only `grid` draws one.
+    """
+
+    def __init__(
+        self, settings: MappingSettings, mount: Mount, background: Background = at_once, *, live: bool = False
+    ) -> None:
         self.mount = mount
         self._settings = settings
         self._front = FrontEnd(
@@ -77,6 +83,9 @@ class Mapper:
             mount,
         )  # fmt: skip
         self.graph = GraphSlam(settings.graph, self._front.keyframes, background)
+        self.live_grid = (
+            LiveGrid(settings.resolution_m, settings.lidar_model, mount.pose[:2], background) if live else None
+        )
         self._received = 0
         self._resumed_ns: int | None = None
 
@@ -134,10 +143,11 @@ class Mapper:
         return builder.grid()
 
     def _enter(self, tracked: list[TrackedScan]) -> list[MappedScan]:
-        return [
-            MappedScan(
-                scan.stamp_ns, self.graph.add(scan), scan.match, scan.points, scan.wheel_guess,
-                scan.keyframe is not None,
-            )
-            for scan in tracked
-        ]  # fmt: skip
+        mapped = []
+        for scan in tracked:
+            pose = self.graph.add(scan)
+            if self.live_grid is not None:
+                self.live_grid.add(self.graph)
+            is_keyframe = scan.keyframe is not None
+            mapped.append(MappedScan(scan.stamp_ns, pose, scan.match, scan.points, scan.wheel_guess, is_keyframe))
+        return mapped

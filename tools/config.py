@@ -88,7 +88,7 @@ class SlamSection(_Section):
     """Keyframes, loop closure and refinement."""
 
     loop_closure: bool = Field(_GRAPH.loop_closure, description="look for places that were seen before")
-    refine: bool = Field(True, description="match all keyframes with each other at the end")
+    refine: bool = Field(True, description="match all keyframes with each other, on the way and at the end")
     keyframe_distance_m: float = Field(_KEYFRAMES.distance_m, gt=0, le=5, description="a keyframe comes every so far")
     keyframe_turn_rad: float = Field(_KEYFRAMES.turn_rad, gt=0, le=3.2, description="or after turning by so much")
     delay_keyframes: int = Field(
@@ -105,6 +105,9 @@ class GridSection(_Section):
     miss_probability: float = Field(_LIDAR.miss_probability, gt=0.0, lt=0.5)
     max_range_m: float = Field(
         _LIDAR.max_range_m, gt=0, le=200, description="longer rays clear up to here and mark nothing"
+    )
+    live_s: float = Field(
+        10.0, ge=0, le=3600, description="the map goes into the recording every so often; 0: at the end"
     )
     noise_fraction: float = Field(_LIDAR.noise_fraction, ge=0, lt=1, description="range noise as a share of the range")
 
@@ -125,8 +128,12 @@ class Config(_Section):
             resolution_m=self.grid.resolution_m,
             odometry=OdometrySettings(**odometry),
             keyframes=KeyframeSettings(distance_m=self.slam.keyframe_distance_m, turn_rad=self.slam.keyframe_turn_rad),
-            graph=GraphSettings(loop_closure=self.slam.loop_closure, delay=self.slam.delay_keyframes),
-            lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m"})),
+            graph=GraphSettings(
+                loop_closure=self.slam.loop_closure,
+                delay=self.slam.delay_keyframes,
+                refine_on_the_way=self.slam.refine and self.odometry.source != "wheel",
+            ),
+            lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m", "live_s"})),
             use_wheel_odometry=self.odometry.use_wheel_odometry or self.odometry.source == "wheel",
             wheels_only=self.odometry.source == "wheel",
             wheel_wait_s=self.odometry.wheel_wait_s,

@@ -60,12 +60,13 @@ def run_session(
         folder = new_folder()
         laser_pose = _laser_pose(config, stream.stamp_ns)
         mount, _ = resolve_mount([laser_pose], config, None, LASER_FRAME)
-        flow = MappingFlow(config, mount, background=background, resume=resume)
+        live = record and config.grid.live_s > 0
+        flow = MappingFlow(config, mount, background=background, resume=resume, live=live)
         localisation = None if map_file is None else Localisation(map_file, mount.pose[:2])
         recorder = _start_recording(folder / RECORDING_NAME, config, clock, stream, laser_pose) if record else None
         put: Callable[[Recordable], None] = _discard if recorder is None else recorder.put
         try:
-            on_mapped = _Progress(flow, localisation)
+            on_mapped = _OnMapped(flow, localisation, put, config.grid.live_s)
             outcome = run_live(lidar, flow, stop, put=put, on_mapped=on_mapped, release=lidar.close)
             if len(flow.mapper.trajectory):
                 put(grid_snapshot(flow.mapper.grid(), int(flow.mapper.trajectory.stamps_ns[-1])))
@@ -150,23 +151,40 @@ def _discard(_message: Recordable) -> None:
     """Stand in for a recorder where none is wanted."""
 
 
-class _Progress:
-    """Follows the car on a saved map, if there is one, and says every two seconds where it is."""
+class _OnMapped:
+    """What is done with each pose: the car is followed on a saved map, the live map recorded, and progress told."""
 
-    def __init__(self, flow: MappingFlow, localisation: Localisation | None) -> None:
+    def __init__(
+        self, flow: MappingFlow, localisation: Localisation | None, put: Callable[[Recordable], None], live_s: float
+    ) -> None:
         self._flow = flow
         self._localisation = localisation
+        self._put = put
+        self._live_ns = round(live_s * 1e9)
+        self._drawn_ns: int | None = None
         self._shown = self._begun = time.monotonic()
 
     def __call__(self, mapped: MappedScan) -> None:
         if self._localisation is not None:
             self._localisation.add(mapped)
+        self._record_map(mapped.stamp_ns)
         now = time.monotonic()
         if now - self._shown < _PROGRESS_S:
             return
         self._shown = now
         x, y, _ = mapped.pose
         log.info("%5.0f s  %5d scans  x %6.2f m  y %6.2f m", now - self._begun, self._flow.scans, x, y)
+
+    def _record_map(self, stamp_ns: int) -> None:
+        """Record the map as it is now, if the last time is long enough ago."""
+        live = self._flow.mapper.live_grid
+        if live is None:
+            return
+        if self._drawn_ns is None:
+            self._drawn_ns = stamp_ns
+        elif stamp_ns - self._drawn_ns >= self._live_ns:
+            self._drawn_ns = stamp_ns
+            self._put(grid_snapshot(live.grid(), stamp_ns))
 
 
 def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: RecordingReport | None) -> Report:

@@ -120,7 +120,9 @@ def bench_live(path: Path, config: Config | None, most_s: float) -> LiveCost:
     with open_recording(path) as recording, search_thread() as background:
         settings = config or recorded_config(recording)
         setup = look_ahead(recording.messages(settings.replay.scan_topic), settings)
-        flow = MappingFlow(settings, setup.mount, sweep_reversed=setup.sweep.is_reversed, background=background)
+        flow = MappingFlow(
+            settings, setup.mount, sweep_reversed=setup.sweep.is_reversed, background=background, live=True
+        )
         latency = _Latency(setup.sweep.is_reversed)
         source = PacedSource(partial(_messages_of, path, settings.replay.scan_topic), most_s)
         reset_peak()

@@ -69,8 +69,9 @@ class MappingFlow:
         sweep_reversed: bool = False,
         background: Background = at_once,
         resume: GraphState | None = None,
+        live: bool = False,
     ) -> None:
-        self.mapper = Mapper(config.mapping_settings(), mount, background)
+        self.mapper = Mapper(config.mapping_settings(), mount, background, live=live)
         if resume is not None:
             self.mapper.resume(resume)
         self.refined = False

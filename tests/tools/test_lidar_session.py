@@ -47,6 +47,13 @@ def test_live_and_replay_agree_from_the_first_byte_on(settings, tmp_path):
         assert np.array_equal(live["log_odds"], replayed["log_odds"])
 
 
+@pytest.mark.parametrize(("live_s", "least", "most"), [(0.5, 3, 8), (0.0, 1, 1)])
+def test_the_map_goes_into_the_recording_while_the_car_drives(live_s, least, most, tmp_path):
+    report, _ = live_run(tmp_path / "live", parse({"grid": {"live_s": live_s}}, "test"))
+    assert report["scans"]["mapped"] > 15
+    assert least <= report["recording"]["written"]["/map"] <= most
+
+
 def test_wheels_are_refused_before_the_port_is_opened(tmp_path):
     with pytest.raises(ConfigError, match="wheel"):
         run_session(
