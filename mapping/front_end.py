@@ -191,8 +191,9 @@ class FrontEnd:
             known = from_wheels or self._last is None
             match = ScanMatch(guess, se2.IDENTITY, accepted=known, reason="" if known else "no wheel odometry")
         else:
-            match = self._odometry.match(points, guess)
-            if self._last is not None and match.accepted and offsets.any():
+            again = self._last is not None and bool(offsets.any())  # the match itself tells the motion within the turn
+            match = self._odometry.match(points, guess, rough=again)
+            if again and match.accepted:
                 twist = self._motion.twist_to(stamp_ns, match.pose)
                 points = deskew(raw, offsets, reference_s, twist)
                 match = self._odometry.match(points, match.pose)

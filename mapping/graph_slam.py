@@ -77,6 +77,7 @@ class GraphSettings:
     first_refinement: int = 100
     loops: LoopSettings = LoopSettings()
     refinement: RefinementSettings = RefinementSettings()
+    refinement_on_the_way: RefinementSettings = RefinementSettings(gates_m=(0.3, 0.1, 0.06), full_sweeps=0)
     archive_bytes: int = 200_000_000
 
 
@@ -262,7 +263,7 @@ class GraphSlam:
         """
         if len(self._poses) < 2:
             return True
-        poses = self._refine_keyframes(cancelled)()
+        poses = self._refinement_of_keyframes(self._settings.refinement, cancelled)()
         if poses is None:
             return False
         refined: dict[int, FloatArray] = {}
@@ -344,14 +345,16 @@ class GraphSlam:
             return
         if count >= max(settings.first_refinement, 2 * self._refined):
             self.counters.refinements += 1
-            task = self._background(self._refine_keyframes(lambda: False))
+            task = self._background(self._refinement_of_keyframes(settings.refinement_on_the_way, lambda: False))
             self._refinement = _Refinement(count, self.closures, task)
 
-    def _refine_keyframes(self, cancelled: Callable[[], bool]) -> Callable[[], FloatArray | None]:
+    def _refinement_of_keyframes(
+        self, settings: RefinementSettings, cancelled: Callable[[], bool]
+    ) -> Callable[[], FloatArray | None]:
         """Return the joint refinement of all that is known now, to be run; None comes out if it was cancelled."""
         return partial(
             refine_jointly, self._keyframes.snapshot(), self._poses.copy(),
-            self._steps().joined(constraints_of(self.closures)), self._settings.refinement,
+            self._steps().joined(constraints_of(self.closures)), settings,
             kernel=self._settings.loops.kernels[-1], cancelled=cancelled,
         )  # fmt: skip
 

@@ -29,7 +29,6 @@ _NEIGHBOURS_IN_TIME = 3  # always partners
 _ONE_PASS = 20  # keyframes so close in number belong to one pass
 _OVERLAP_STRIDE = 6  # samples are sparse where overlaps are only compared
 _TOLERANCE_M = 0.15
-_FULL_SWEEPS = 2  # the last ones use every sample, those before every second
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +37,8 @@ class RefinementSettings:
 
     reach_m: keyframes farther apart are no partners, and of those nearer `most_compared` are compared. partners: so
     many with the best overlap, at least least_overlap, are kept for each keyframe; passes before the present one have
-    precedence. gates_m: residuals beyond are left out, one sweep a gate; pairs are chosen anew every `renewed` sweeps.
+    precedence. gates_m: residuals beyond are left out, one sweep a gate; the last full_sweeps use every sample, those
+    before every second. Pairs are chosen anew every `renewed` sweeps.
     prior_m, prior_rad: what the front end's steps are trusted with, so that no corridor slides.
     """
 
@@ -47,6 +47,7 @@ class RefinementSettings:
     partners: int = 12
     least_overlap: float = 0.3
     gates_m: tuple[float, ...] = (0.3, 0.2, 0.1, 0.08, 0.06, 0.06)
+    full_sweeps: int = 2
     renewed: int = 3
     prior_m: float = 0.02
     prior_rad: float = 0.005
@@ -74,7 +75,7 @@ def refine_jointly(
             first, second = choose_pairs(clouds, current, settings)
         if cancelled():
             return None
-        stride = 1 if sweep >= len(settings.gates_m) - _FULL_SWEEPS else 2
+        stride = 1 if sweep >= len(settings.gates_m) - settings.full_sweeps else 2
         hessians, gradients, _, _ = pull_pairs(
             clouds.points, clouds.angles, clouds.normals, clouds.levels, clouds.reaches, clouds.starts, clouds.sensor,
             first, second, current[first], current[second], gate_m, 0.5 * gate_m, stride,

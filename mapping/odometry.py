@@ -26,9 +26,9 @@ class OdometrySettings:
     """How scans are matched; lengths in metres.
 
     map_radius_m: how far from the robot the local map reaches. voxel_m and points_per_voxel set the map's density.
-    threshold_m: scale of the robust kernel; pairs farther apart than three times that are ignored. min_points: a scan
-    with fewer measurements is not matched. max_correction_m and max_correction_rad: a match farther than that from the
-    guess is not believed.
+    threshold_m: scale of the robust kernel; pairs farther apart than three times that are ignored. rough_convergence,
+    rough_iterations: for a match after which de-skewing is repeated. min_points: a scan with fewer measurements is not
+    matched. max_correction_m and max_correction_rad: a match farther than that from the guess is not believed.
     """
 
     map_radius_m: float = 15.0
@@ -37,6 +37,8 @@ class OdometrySettings:
     threshold_m: float = 0.25
     convergence: float = 1e-3
     max_iterations: int = 100
+    rough_convergence: float = 1e-2
+    rough_iterations: int = 6
     min_points: int = 30
     max_correction_m: float = 1.0
     max_correction_rad: float = 0.8
@@ -73,15 +75,22 @@ class LidarOdometry:
         self._settings = settings
         self._local_map = get_voxel_hash_map(config)
         self._registration = get_registration(config)
+        config.registration.max_num_iterations = settings.rough_iterations
+        config.registration.convergence_criterion = settings.rough_convergence
+        self._rough_registration = get_registration(config)
 
-    def match(self, points: FloatArray, guess: FloatArray) -> ScanMatch:
-        """Match de-skewed body-frame points (N, 2) to the local map from a guess (3,) of the pose; the map stays."""
+    def match(self, points: FloatArray, guess: FloatArray, *, rough: bool = False) -> ScanMatch:
+        """Match de-skewed body-frame points (N, 2) to the local map from a guess (3,) of the pose; the map stays.
+
+        rough: another match will follow, so a few steps are enough.
+        """
         if len(points) < self._settings.min_points:
             reason = f"{len(points)} measurements, {self._settings.min_points} needed"
             return ScanMatch(guess, se2.IDENTITY, accepted=False, reason=reason)
         if self._local_map.empty():
             return ScanMatch(guess, se2.IDENTITY, accepted=True)
-        matrix = self._registration.align_points_to_map(
+        registration = self._rough_registration if rough else self._registration
+        matrix = registration.align_points_to_map(
             points=_planar_cloud(points),
             voxel_map=self._local_map,
             initial_guess=se2.to_matrix4(guess),

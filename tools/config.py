@@ -79,6 +79,10 @@ class OdometrySection(_Section):
     threshold_m: float = Field(_ODOMETRY.threshold_m, gt=0, description="scale of the robust kernel")
     convergence: float = Field(_ODOMETRY.convergence, gt=0)
     max_iterations: int = Field(_ODOMETRY.max_iterations, gt=0)
+    rough_convergence: float = Field(
+        _ODOMETRY.rough_convergence, gt=0, description="of a match after which de-skewing is repeated"
+    )
+    rough_iterations: int = Field(_ODOMETRY.rough_iterations, gt=0)
     min_points: int = Field(_ODOMETRY.min_points, gt=0, description="fewer measurements are not matched")
     max_correction_m: float = Field(_ODOMETRY.max_correction_m, gt=0)
     max_correction_rad: float = Field(_ODOMETRY.max_correction_rad, gt=0)
