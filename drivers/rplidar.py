@@ -33,6 +33,7 @@ from drivers.serial_link import open_serial
 from drivers.sources import ByteLink
 
 _READ_S = 0.1  # also how soon request_stop is noticed
+_GATHER_S = 0.02  # between reads: five a turn cost a fraction of what each few bytes by themselves would
 _FIRST_DATA_S = 5.0  # the head needs up to 4 s to reach a stable speed
 _SILENCE_S = 2.0
 _BOOT_S = 15.0  # firmware that starts slowly has been seen to need most of it
@@ -176,6 +177,7 @@ class Rplidar:
             if data:
                 yield RawChunk(now_ns, data)
                 flowing, heard_ns = True, self._clock()  # the time that the consumer took is not silence
+                self._sleep(max(0.0, _GATHER_S - (heard_ns - now_ns) * 1e-9))
             else:
                 self._check_silence((now_ns - heard_ns) * 1e-9, flowing)
 

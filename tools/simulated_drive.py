@@ -29,7 +29,6 @@ OFFICE_ROUND = (
     (4.7, 1.4), (3.9, 0.9), (2.4, 0.9), (1.4, 1.3), (1.0, 2.2), (1.1, 3.1),
 )  # fmt: skip
 _SPEED_MPS = 0.6
-_CHUNK_S = 0.012  # a read of the port gets about an eighth of a turn, as on a car: small chunks cost more to decode
 _QUEUE = 10_000_000  # the recorder must not drop what the simulation makes faster than it can write
 _SEED = 7
 
@@ -65,7 +64,6 @@ def record_round_trip(path: Path, turns: int, model: str = "A2M8") -> None:
             left -= sum(isinstance(decoded, LaserScan) for decoded in decoding.feed(message))
             if left <= 0:
                 break
-            clock.sleep(_CHUNK_S)
     report = recorder.close()
     if report.error or report.dropped:
         raise ToolError(f"{path}: the simulated drive is not complete: {report.error or dict(report.dropped)}")
