@@ -23,7 +23,7 @@ from mapping.motion import ConstantVelocity
 from mapping.mount import Mount
 from mapping.odometry import LidarOdometry, OdometrySettings, ScanMatch
 from mapping.scan_matching import Group, match_groups, single
-from mapping.surface import surface_of
+from mapping.surface import share_across, surface_of
 from mapping.wheel_odometry import WheelOdometry
 
 FloatArray = NDArray[np.float64]
@@ -40,9 +40,11 @@ class KeyframeSettings:
     """Which scans become keyframes, and how they are held to their predecessors.
 
     A keyframe comes every distance_m or turn_rad. It is refined on up to `predecessors` ones within reach_m, held by
-    the scan match with prior_m and prior_rad (standard deviations): that keeps a corridor from sliding. Without wheels
-    the graph is told that what the walls leave open is known to alone_m and alone_rad. After lost_s and lost_scans
-    without a match tracking is lost.
+    the scan match with prior_m and prior_rad (standard deviations). Without wheels the graph is told that what the
+    walls leave open is known to alone_m and alone_rad. A scan with less than open_share of its walls across the others
+    is held by its guess, with guess_m and guess_share of the way since the last scan, and guess_rad: that keeps a
+    corridor from sliding; without wheels the robot may have changed its speed by acceleration, in m/s^2. After lost_s
+    and lost_scans without a match tracking is lost.
     """
 
     distance_m: float = 0.25
@@ -53,6 +55,11 @@ class KeyframeSettings:
     prior_rad: float = 0.01
     alone_m: float = 0.3
     alone_rad: float = 0.05
+    open_share: float = 0.1
+    guess_m: float = 0.003
+    guess_share: float = 0.1
+    guess_rad: float = 0.05
+    acceleration: float = 1.0
     lost_s: float = 3.0
     lost_scans: int = 10
 
@@ -62,7 +69,7 @@ class KeyframeLink:
     """A new keyframe: its number, its pose (3,) in the one before, with the information (3, 3) in its own frame.
 
     connected False: the first keyframe, or the first after tracking was lost; pose and information mean nothing then.
-    doubtful: a match since the one before may have been wrong altogether.
+    doubtful: a match since the one before may have been wrong altogether, and no wheels vouch for it.
     """
 
     number: int
@@ -246,6 +253,8 @@ class FrontEnd:
         number = self.keyframes.add(surface_of(points, self.mount.pose[:2]))
         if not self._settings.wheels_only and len(self._chain) > self._segment_start:
             match = self._doubted(number, match, guess, points, stamp_ns, from_wheels=from_wheels)
+            if match.accepted and not match.doubtful:
+                match = self._held(number, match, guess, stamp_ns, from_wheels=from_wheels)
         self.counters.wheel_guesses += from_wheels
         self._is_doubtful |= match.doubtful or not match.accepted
         self._all_by_wheels &= from_wheels
@@ -310,6 +319,29 @@ class FrontEnd:
         reason = match.reason or "it contradicts what was seen before, and nothing better was found nearby"
         return ScanMatch(guess, match.correction, accepted=False, reason=reason)
 
+    def _held(self, number: int, match: ScanMatch, guess: FloatArray, stamp_ns: int, *, from_wheels: bool) -> ScanMatch:
+        """Return a match in a corridor as its walls and the guess (3,) have it; elsewhere as it is.
+
+        Point to point, a scan clings to the places along a plain wall where points were before, so that a corridor
+        becomes shorter with every scan. Point to line leaves that direction open, and the guess decides it. Source of
+        the idea: Zhang, Kaess, Singh, "On degeneracy of optimization-based state estimation problems" (ICRA 2016).
+        """
+        limits, clouds = self._settings.keyframes, self.keyframes.snapshot()
+        if self._last is None or share_across(clouds.normals_of(number)) >= limits.open_share:
+            return match
+        moved = se2.between(self._last[1], guess)
+        deviation_m = limits.guess_m + limits.guess_share * float(np.hypot(moved[0], moved[1]))
+        if not from_wheels:
+            deviation_m += 0.5 * limits.acceleration * self._motion.interval_s(stamp_ns) ** 2
+        prior = np.diag([deviation_m**-2.0, deviation_m**-2.0, limits.guess_rad**-2.0])
+        place = self._in_chain(match.pose)
+        found = match_groups(
+            clouds, single(number), self._recent(place), place, (0.2, 0.1, 0.1), prior=prior,
+            expected=self._in_chain(guess),
+        )  # fmt: skip
+        pose = se2.compose(self._keyframe_odom, se2.between(self._chain[-1], found.pose))
+        return replace(match, pose=pose, correction=se2.between(guess, pose))
+
     def _other_guess(self, stamp_ns: int, *, from_wheels: bool) -> FloatArray:
         """Return a second guess (3,): wheels that stall or jump mislead more than none would.
 
@@ -349,7 +381,9 @@ class FrontEnd:
         match = match_groups(self.keyframes.snapshot(), single(number), fixed, moved, (0.3, 0.2, 0.1), prior=prior)
         known = prior if self._all_by_wheels else np.diag([limits.alone_m**-2.0] * 2 + [limits.alone_rad**-2.0])
         information = match.information_with(known)
-        return KeyframeLink(number, match.pose, information, connected=True, doubtful=self._is_doubtful)
+        return KeyframeLink(
+            number, match.pose, information, connected=True, doubtful=self._is_doubtful and not self._all_by_wheels
+        )
 
     def _in_chain(self, pose: FloatArray) -> FloatArray:
         """Return an odom pose (3,) as the refined chain of keyframes sees it."""

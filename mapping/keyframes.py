@@ -45,6 +45,10 @@ class Clouds:
         """Return the points (N, 2) of a keyframe in its body frame."""
         return self.points[self.starts[keyframe] : self.starts[keyframe + 1]].astype(np.float64)
 
+    def normals_of(self, keyframe: int) -> FloatArray:
+        """Return the normals (N, 2) of a keyframe's samples, (0, 0) where there is no straight wall."""
+        return self.normals[self.starts[keyframe] : self.starts[keyframe + 1]].astype(np.float64)
+
 
 class KeyframeStore:
     """Collects the surfaces of keyframes; sensor (2,) is the laser's place on the body."""

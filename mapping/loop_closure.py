@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.correlation import SearchWindow, likelihood_field, search
 from mapping.keyframes import Clouds
-from mapping.pose_graph import Constraints, GraphSolution, optimise
+from mapping.pose_graph import Constraints, GraphSolution, optimise, shortest_ways
 from mapping.scan_matching import Agreement, Group, group_agreement, match_groups
 
 FloatArray = NDArray[np.float64]
@@ -31,8 +31,9 @@ class LoopSettings:
     """How loops are looked for and believed.
 
     least_path_m: driven since the candidate at the least. Candidates are nearer than reach_m plus the drift, which
-    grows from first_drift_m and first_turn_rad with the way since the last closure, up to most_drift_m and
-    most_turn_rad; `candidates` passes at most are tried, with half_group keyframes to each side. least_score,
+    grows from first_drift_m and first_turn_rad with the way to the candidate along the graph, up to most_drift_m and
+    most_turn_rad: a closure shortens that way, a doubtful step counts as doubtful_m; `candidates` passes at most are
+    tried, with half_group keyframes to each side. least_score,
     most_rival: of the search (a rival is rival_apart_m away or turned). least_hit_share, least_overlap, tolerance_m: of
     the agreement after refinement. A closure that moves the query more than surprise_m or surprise_rad is believed once
     a second one agrees within agree_m and agree_rad. kernels: Cauchy's scales in standard deviations, one after the
@@ -47,6 +48,7 @@ class LoopSettings:
     first_turn_rad: float = 0.15
     turn_per_m: float = 0.005
     most_turn_rad: float = 0.7
+    doubtful_m: float = 5.0
     candidates: int = 3
     half_group: int = 6
     resolution_m: float = 0.05
@@ -201,15 +203,10 @@ def find_closures(drive: Drive, query: int, settings: LoopSettings) -> tuple[lis
 
 def _closures_of(drive: Drive, components: IndexArray, query: int, settings: LoopSettings) -> list[Closure]:
     """Return what the search finds for one keyframe: in its own component nearby, in an older one anywhere."""
-    tied = [closure.second for closure in drive.closures if closure.second <= query]
-    since_m = float(drive.travelled[query] - (drive.travelled[max(tied)] if tied else 0.0))
-    window = SearchWindow(
-        min(settings.first_drift_m + settings.drift_share * since_m, settings.most_drift_m),
-        min(settings.first_turn_rad + settings.turn_per_m * since_m, settings.most_turn_rad),
-    )
-    candidates: list[tuple[int, FloatArray, SearchWindow]] = [
-        (candidate, se2.between(drive.poses[candidate], drive.poses[query]), window)
-        for candidate in _candidates(drive, components, query, settings.reach_m + window.linear_m, settings)
+    way_m = _ways(drive, query, settings)
+    candidates = [
+        (candidate, se2.between(drive.poses[candidate], drive.poses[query]), _window(way_m[candidate], settings))
+        for candidate in _candidates(drive, components, query, way_m, settings)
     ]
     if components[query] != 0:
         candidates += _anywhere(drive, components, query, settings)
@@ -217,11 +214,34 @@ def _closures_of(drive: Drive, components: IndexArray, query: int, settings: Loo
     return [closure for closure in found if closure is not None]
 
 
-def _candidates(drive: Drive, components: IndexArray, query: int, reach_m: float, settings: LoopSettings) -> list[int]:
+def _ways(drive: Drive, query: int, settings: LoopSettings) -> FloatArray:
+    """Return how far (K,) each keyframe is from the query along steps and closures: over that odometry may drift."""
+    steps, closures = drive.steps, drive.closures
+    lengths = np.hypot(*steps.T_first_second[:, :2].T) + np.where(steps.robust, settings.doubtful_m, 0.0)
+    known = steps.information[:, 2, 2] > 1.0  # not over a loss
+    first = np.concatenate([steps.first[known], np.array([each.first for each in closures], dtype=np.int64)])
+    second = np.concatenate([steps.second[known], np.array([each.second for each in closures], dtype=np.int64)])
+    lengths = np.concatenate([lengths[known], np.zeros(len(closures))])
+    return shortest_ways(len(drive.poses), first, second, lengths, query)
+
+
+def _window(way_m: float | FloatArray, settings: LoopSettings) -> SearchWindow:
+    """Return how far off a keyframe may be after a way along the graph."""
+    return SearchWindow(
+        float(np.minimum(settings.first_drift_m + settings.drift_share * way_m, settings.most_drift_m)),
+        float(np.minimum(settings.first_turn_rad + settings.turn_per_m * way_m, settings.most_turn_rad)),
+    )
+
+
+def _candidates(
+    drive: Drive, components: IndexArray, query: int, way_m: FloatArray, settings: LoopSettings
+) -> list[int]:
     """Return the nearest keyframe of each earlier pass, the nearest passes first."""
     distance = np.hypot(*(drive.poses[:query, :2] - drive.poses[query, :2]).T)
+    drift_m = np.minimum(settings.first_drift_m + settings.drift_share * way_m[:query], settings.most_drift_m)
     is_past = drive.travelled[query] - drive.travelled[:query] > settings.least_path_m
-    near = np.flatnonzero((distance < reach_m) & is_past & (components[:query] == components[query]))
+    is_near = (distance < settings.reach_m + drift_m) & is_past & (components[:query] == components[query])
+    near = np.flatnonzero(is_near)
     if len(near) == 0:
         return []
     passes = np.split(near, np.flatnonzero(np.diff(near) > settings.half_group) + 1)

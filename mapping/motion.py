@@ -52,12 +52,12 @@ class ConstantVelocity:
 
     def since_match_s(self, stamp_ns: int) -> float:
         """Return how long ago, at a stamp after the newest scan's, the last match was."""
-        return self._since_match_s + self._interval_s(stamp_ns)
+        return self._since_match_s + self.interval_s(stamp_ns)
 
     def predict(self, pose: FloatArray, stamp_ns: int) -> FloatArray:
         """Return where a robot that was at a pose (3,) at the newest scan is at a later stamp."""
         left_s = max(_LONGEST_EXTRAPOLATION_S - self._since_match_s, 0.0)
-        return se2.compose(pose, se2.exp(self._twist * min(self._interval_s(stamp_ns), left_s)))
+        return se2.compose(pose, se2.exp(self._twist * min(self.interval_s(stamp_ns), left_s)))
 
     def enter(self, stamp_ns: int, pose: FloatArray, *, matched: bool) -> None:
         """Learn that the robot was at a pose (3,) at the next scan: as a match says, or else a guess."""
@@ -70,7 +70,7 @@ class ConstantVelocity:
             self._learn_pace((stamp_ns - self._newest_ns) * 1e-9)
         self._newest_ns = stamp_ns
 
-    def _interval_s(self, stamp_ns: int) -> float:
+    def interval_s(self, stamp_ns: int) -> float:
         """Return the time from the newest scan to one at a stamp."""
         if self._newest_ns is None:
             return 0.0

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
+from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
 
 from mapping import se2
@@ -69,6 +70,12 @@ def chi_squared(poses: FloatArray, constraints: Constraints) -> FloatArray:
     """Return the squared normalised error (E,) of each constraint; 3 degrees of freedom."""
     error = residuals(poses, constraints)
     return np.asarray(np.einsum("ea,eab,eb->e", error, constraints.information, error))
+
+
+def shortest_ways(count: int, first: IndexArray, second: IndexArray, lengths: FloatArray, source: int) -> FloatArray:
+    """Return how far (count,) it is from pose `source` to each along pairs (E,), (E,) of given lengths; inf: no way."""
+    pairs = sp.coo_matrix((np.maximum(lengths, 1e-9), (first, second)), shape=(count, count))
+    return np.asarray(dijkstra(pairs.tocsr(), directed=False, indices=source))
 
 
 class NormalEquations:

@@ -106,17 +106,20 @@ def match_groups(
     gates_m: tuple[float, ...],
     *,
     prior: FloatArray | None = None,
+    expected: FloatArray | None = None,
     stride: int = 1,
 ) -> GroupMatch:
     """Return the pose near the guess (3,) at which the moving group's samples lie best on the fixed group's walls.
 
-    One Gauss-Newton step a gate; prior (3, 3) is the information of the guess, which holds what the walls leave open.
+    One Gauss-Newton step a gate; prior (3, 3) is the information of the expected pose (3,), the guess unless given,
+    which holds what the walls leave open.
     """
     first, second = (index.ravel() for index in np.meshgrid(moving.keyframes, fixed.keyframes, indexing="ij"))
     row = np.repeat(np.arange(len(moving.keyframes)), len(fixed.keyframes))
     fixed_poses = np.tile(fixed.poses, (len(moving.keyframes), 1))
     pose = np.array(guess, dtype=np.float64)
     held = np.zeros((3, 3)) if prior is None else prior
+    middle = guess if expected is None else expected
     for gate_m in gates_m:
         placed = se2.compose(pose, moving.poses)
         hessians, gradients, numbers, costs = pull_pairs(
@@ -126,7 +129,7 @@ def match_groups(
         hessian, gradient = _of_group(hessians, gradients, placed[row], pose)
         believed = EFFECTIVE_SHARE * stride / SIGMA_M**2
         information = believed * hessian
-        away = np.array([*(pose[:2] - guess[:2]), se2.wrap_angle(pose[2] - guess[2])])
+        away = np.array([*(pose[:2] - middle[:2]), se2.wrap_angle(pose[2] - middle[2])])
         step = np.linalg.solve(information + held + 1e-6 * np.eye(3), -(believed * gradient + held @ away))
         pose = pose + np.clip(step, -0.5, 0.5)
         pose[2] = se2.wrap_angle(pose[2])

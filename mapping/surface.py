@@ -57,6 +57,12 @@ def surface_of(points: FloatArray, sensor: FloatArray) -> Surface:
     return Surface(points[some], angles[some], ranges[some], normals[some], levels[some], reaches[some])
 
 
+def share_across(normals: FloatArray) -> float:
+    """Return the share, 0 to 0.5, of walls with normals (N, 2) that stand across the others: 0 in a plain corridor."""
+    weak, strong = np.linalg.eigvalsh(normals.T @ normals)
+    return float(weak / max(weak + strong, 1e-9))
+
+
 @njit(cache=True, nogil=True)
 def _fit_lines(
     points: FloatArray, ranges: FloatArray, sensor: FloatArray, spacing: float
