@@ -223,3 +223,36 @@ def _truth_of(stamps_ns: np.ndarray, one, other, seconds: float) -> np.ndarray:
     begins = other.scans[0].stamp_ns + round(seconds * 1e9)
     in_other = other.truth.at(stamps_ns - round(seconds * 1e9))
     return se2.between(start, np.where((stamps_ns < begins)[:, None], one.truth.at(stamps_ns), in_other))
+
+
+# Corridors
+
+
+@pytest.fixture(scope="module")
+def corridor(simulate_drive: Callable, carved):
+    """22 m at 0.8 m/s along a corridor: a door frame every few metres, and 9 m of plain wall; its ends are far."""
+    niches = [
+        (x, y, x + 0.9, y + 0.16) for x, y in ((5.0, 16.08), (8.5, 13.76), (12.3, 16.08), (24.5, 13.76), (28.0, 16.08))
+    ]
+    hall = carved(60.0, 30.0, (2.0, 13.9, 58.0, 16.1), *niches)
+    return simulate_drive(((27.5, (0.8, 0.0, 0.0)),), start=(6.0, 15.0, 0.0), occupied=hall, samples=360)
+
+
+def slid_m(tracked: list[TrackedScan], drive) -> float:
+    """How much longer than it was the way along the corridor has become."""
+    truth = drive.truth.at(np.array([tracked[-1].stamp_ns]))[0]
+    return float(tracked[-1].match.pose[0] - (truth[0] - drive.truth.poses[0, 0]))
+
+
+def test_a_corridor_does_not_slide_without_wheels(corridor) -> None:
+    _, held = track(corridor.scans)
+    assert abs(slid_m(held, corridor)) < 0.25
+    settings = FrontEndSettings()
+    _, clinging = track(corridor.scans, replace(settings, keyframes=replace(settings.keyframes, open_share=0.0)))
+    assert abs(slid_m(clinging, corridor)) > 1.0  # point to point: the way becomes shorter with every scan
+
+
+def test_a_corridor_does_not_slide_with_wheels(corridor) -> None:
+    messages = sorted([*corridor.scans, *corridor.odometry], key=lambda message: message.stamp_ns)
+    _, tracked = track(messages)
+    assert abs(slid_m(tracked, corridor)) < 0.05

@@ -4,7 +4,16 @@ import numpy as np
 import pytest
 
 from mapping import se2
-from mapping.pose_graph import Constraints, NormalEquations, chi_squared, linearise, optimise, residuals, robust_weights
+from mapping.pose_graph import (
+    Constraints,
+    NormalEquations,
+    chi_squared,
+    linearise,
+    optimise,
+    residuals,
+    robust_weights,
+    shortest_ways,
+)
 
 STEP_INFORMATION = np.diag([0.02**-2.0, 0.02**-2.0, 0.005**-2.0])
 LOOP_INFORMATION = np.diag([0.03**-2.0, 0.03**-2.0, 0.01**-2.0])
@@ -162,3 +171,9 @@ def test_the_cost_never_rises_with_more_iterations(drifted, two_rounds) -> None:
     costs = [optimise(poses, both, iterations=number).chi2.sum() for number in range(5)]
     assert costs == sorted(costs, reverse=True)
     assert costs[-1] < 0.1 * costs[0]
+
+
+def test_the_shortest_way_takes_closures_and_knows_where_none_leads() -> None:
+    first, second = np.array([0, 1, 2, 4, 0]), np.array([1, 2, 3, 5, 3])
+    ways = shortest_ways(6, first, second, np.array([1.0, 1.0, 1.0, 1.0, 0.0]), 3)
+    np.testing.assert_allclose(ways, [0.0, 1.0, 1.0, 0.0, np.inf, np.inf], atol=1e-6)

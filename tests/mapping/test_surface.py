@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapping import se2
-from mapping.surface import surface_of
+from mapping.surface import share_across, surface_of
 
 ORIGIN = np.zeros(2)
 
@@ -91,3 +91,11 @@ def test_large_scans_are_thinned_evenly_after_the_lines_are_fitted(count: int, k
     assert len(surface.points) == kept
     assert np.ptp(np.diff(surface.angles)) < 1e-9
     assert np.all(surface.reaches > 0.0)
+
+
+def test_walls_across_are_few_in_a_corridor_and_half_in_a_square_room() -> None:
+    along, across = np.tile([0.0, 1.0], (95, 1)), np.tile([1.0, 0.0], (5, 1))
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])
+    assert share_across(np.vstack([along, across]) @ turn.T) == pytest.approx(0.05)
+    assert share_across(np.vstack([along, along[:, ::-1]])) == pytest.approx(0.5)
+    assert share_across(np.zeros((7, 2))) == 0.0
