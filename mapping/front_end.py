@@ -55,7 +55,7 @@ class KeyframeSettings:
     prior_rad: float = 0.01
     alone_m: float = 0.3
     alone_rad: float = 0.05
-    open_share: float = 0.1
+    open_share: float = 0.05
     guess_m: float = 0.003
     guess_share: float = 0.1
     guess_rad: float = 0.05

@@ -108,9 +108,9 @@ def _closure_rows(mapper: Mapper, relations: Relations, seed: int, on_progress: 
     for name, wrong in cases:
         tried = graph.with_closures(wrong)
         settled = relation_errors(tried.trajectory(), relations)
+        believed = {id(closure) for closure in tried.closures}  # the refinement replaces what it has learned from
         tried.refine()
         refined = relation_errors(tried.trajectory(), relations)
-        believed = {id(closure) for closure in tried.closures}
         row: Report = {
             "case": name,
             "injected": len(wrong),

@@ -255,4 +255,4 @@ def test_a_corridor_does_not_slide_without_wheels(corridor) -> None:
 def test_a_corridor_does_not_slide_with_wheels(corridor) -> None:
     messages = sorted([*corridor.scans, *corridor.odometry], key=lambda message: message.stamp_ns)
     _, tracked = track(messages)
-    assert abs(slid_m(tracked, corridor)) < 0.05
+    assert abs(slid_m(tracked, corridor)) < 0.1
