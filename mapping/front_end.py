@@ -343,10 +343,7 @@ class FrontEnd:
         return replace(match, pose=pose, correction=se2.between(guess, pose))
 
     def _other_guess(self, stamp_ns: int, *, from_wheels: bool) -> FloatArray:
-        """Return a second guess (3,): wheels that stall or jump mislead more than none would.
-
-        And so does a velocity once the robot brakes.
-        """
+        """Return another kind of guess (3,): wheels that stall mislead, a velocity does once the robot brakes."""
         assert self._last is not None
         return self._motion.predict(self._last[1], stamp_ns) if from_wheels else self._last[1]
 

@@ -12,12 +12,12 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
+from mapping.background import Background, at_once
 from mapping.front_end import KeyframeLink, TrackedScan
 from mapping.graph_state import CLOUDS, SCANS, GraphState
 from mapping.joint_refinement import RefinementSettings, refine_jointly
@@ -33,7 +33,7 @@ from mapping.loop_closure import (
     settle,
 )
 from mapping.pose_graph import Constraints, chi_squared
-from mapping.scan_archive import ScanArchive
+from mapping.scan_archive import PlacedScans, ScanArchive
 from mapping.scan_matching import Agreement
 from mapping.scan_refinement import partners_of, refine_scan
 from mapping.surface import surface_of
@@ -42,25 +42,8 @@ from mapping.trajectory import Trajectory
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.int64]
 
-_T = TypeVar("_T")
-
-
-class Background(Protocol):
-    """Takes up a task; what it returns waits for the outcome."""
-
-    def __call__(self, task: Callable[[], _T], /) -> Callable[[], _T]:
-        """Take up a task."""
-        ...
-
-
 _LOST = np.diag([1e-6, 1e-6, 1e-4])  # information of a step over which tracking was lost: none, but not singular
 _LAST_ITERATIONS = 20
-
-
-def at_once(task: Callable[[], _T], /) -> Callable[[], _T]:
-    """Run a task here and now: the background of a replay."""
-    outcome = task()
-    return lambda: outcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,29 +92,6 @@ class PoseGraph:
     poses: FloatArray
     steps: IndexArray
     closures: IndexArray
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class PlacedScans:
-    """The scans of a drive in the map: keyframe poses (K, 3), and in_map (K,) whether a keyframe's place is known."""
-
-    archive: ScanArchive
-    poses: FloatArray
-    in_map: NDArray[np.bool_]
-
-    def __len__(self) -> int:
-        return len(self.archive)
-
-    def get(self, number: int) -> tuple[FloatArray, FloatArray] | None:
-        """Return pose (3,) in the map and points (N, 2) in the body frame of a scan; None where it is not drawn."""
-        scan = self.archive[number]
-        if scan.points is None or not scan.matched or not self.in_map[scan.keyframe]:
-            return None
-        return se2.compose(self.poses[scan.keyframe], scan.T_keyframe_scan), scan.points
-
-    def copy(self) -> PlacedScans:
-        """Return the same, of which later changes are not seen."""
-        return PlacedScans(self.archive.copy(), self.poses.copy(), self.in_map.copy())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -373,10 +333,12 @@ class GraphSlam:
 
         A loop that they contradict stays as it is, and so does one that was found since.
         """
-        for number in range(1, len(poses)):
-            if self._links[number].connected:
-                relative = se2.between(poses[number - 1], poses[number])
-                self._links[number] = replace(self._links[number], T_previous_this=relative)
+        self._links = [  # a new list: a copy of this graph may go on with the old one
+            replace(link, T_previous_this=se2.between(poses[number - 1], poses[number]))
+            if link.connected and 0 < number < len(poses)
+            else link
+            for number, link in enumerate(self._links)
+        ]
         kept = chi_squared(poses, constraints_of(closures)) <= self._settings.loops.withdrawn_chi2
         learned = {id(closure) for closure, good in zip(closures, kept, strict=True) if good}
         self.closures = tuple(

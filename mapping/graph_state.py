@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from mapping.keyframes import Clouds
 
 _STATE = (
-    "starts", "poses", "travelled", "segments", "link_poses", "link_information", "link_connected",
-    "link_doubtful", "sensor",    "closure_pairs", "closure_poses", "closure_information", "closure_evidence",
+    "starts", "poses", "travelled", "segments", "link_poses", "link_information", "link_connected", "link_doubtful",
+    "sensor", "closure_pairs", "closure_poses", "closure_information", "closure_evidence",
 )  # fmt: skip
 CLOUDS = ("points", "angles", "ranges", "normals", "levels", "reaches")
 SCANS = ("stamps_ns", "keyframes", "relative", "counts", "points", "matched", "known", "is_keyframe")

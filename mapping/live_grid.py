@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.graph_slam import Background, PlacedScans, at_once
+from mapping.background import Background, at_once
 from mapping.grid import GridBuilder, OccupancyGrid
+from mapping.scan_archive import PlacedScans
 from mapping.sensor_models import LidarModel
 
 FloatArray = NDArray[np.float64]
@@ -66,6 +67,12 @@ class LiveGrid:
         self._rest_until = 0  # the keyframe before which nothing is drawn anew
         self._placed: PlacedScans | None = None  # as of the last keyframe; poses change with keyframes only
 
+    def resume(self, graph: Graph) -> None:
+        """Leave what is there by now to the background, before the first scan: of a long drive it takes seconds."""
+        placed = graph.placed()
+        self._shown.scans = len(placed)
+        self._shown.drawn = [np.full(3, np.nan)] * len(placed.poses)
+
     def add(self, graph: Graph) -> None:
         """Draw the last scan that the graph has taken in; call after each."""
         if self._placed is None or len(graph.keyframe_poses) != len(self._placed.poses):
@@ -81,7 +88,8 @@ class LiveGrid:
         """Begin to draw anew where the map has moved, or go on with it once the background must be done."""
         keyframes = len(placed.poses)
         if self._next is None:
-            if keyframes >= self._rest_until and self._has_moved(placed):
+            has_rested = keyframes >= self._rest_until
+            if self._lacks_a_piece(placed) or (has_rested and self._has_moved(placed)):
                 self._rest_until = keyframes + keyframes // _REST
                 self._next = self._blank()
                 self._hand_over(self._next, placed)
@@ -105,13 +113,16 @@ class LiveGrid:
         if task is not None:
             task()
 
-    def _has_moved(self, placed: PlacedScans) -> bool:
-        """Whether a keyframe lies elsewhere than where its scans were drawn, by half a cell, or was left out."""
+    def _lacks_a_piece(self, placed: PlacedScans) -> bool:
+        """Whether keyframes whose place is known by now were left out, or drawn where their place is not known."""
         drawn = np.array(self._shown.drawn).reshape(-1, 3)
-        poses, in_map = placed.poses[: len(drawn)], placed.in_map[: len(drawn)]
-        if np.isnan(drawn[in_map]).any() or not np.isnan(drawn[~in_map]).all():
-            return True
-        off = se2.between(drawn[in_map], poses[in_map])
+        return bool((np.isnan(drawn[:, 0]) == placed.in_map[: len(drawn)]).any())
+
+    def _has_moved(self, placed: PlacedScans) -> bool:
+        """Whether a keyframe lies elsewhere than where its scans were drawn, by half a cell."""
+        drawn = np.array(self._shown.drawn).reshape(-1, 3)
+        in_map = placed.in_map[: len(drawn)]
+        off = se2.between(drawn[in_map], placed.poses[: len(drawn)][in_map])
         moved = np.hypot(off[:, 0], off[:, 1]) + _FAR_M * np.abs(off[:, 2])
         return bool(moved.max(initial=0.0) > 0.5 * self._resolution_m)
 

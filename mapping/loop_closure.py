@@ -204,9 +204,15 @@ def find_closures(drive: Drive, query: int, settings: LoopSettings) -> tuple[lis
 def _closures_of(drive: Drive, components: IndexArray, query: int, settings: LoopSettings) -> list[Closure]:
     """Return what the search finds for one keyframe: in its own component nearby, in an older one anywhere."""
     way_m = _ways(drive, query, settings)
+    drift_m = np.minimum(settings.first_drift_m + settings.drift_share * way_m, settings.most_drift_m)
+    turn_rad = np.minimum(settings.first_turn_rad + settings.turn_per_m * way_m, settings.most_turn_rad)
     candidates = [
-        (candidate, se2.between(drive.poses[candidate], drive.poses[query]), _window(way_m[candidate], settings))
-        for candidate in _candidates(drive, components, query, way_m, settings)
+        (
+            candidate,
+            se2.between(drive.poses[candidate], drive.poses[query]),
+            SearchWindow(float(drift_m[candidate]), float(turn_rad[candidate])),
+        )
+        for candidate in _candidates(drive, components, query, settings.reach_m + drift_m, settings)
     ]
     if components[query] != 0:
         candidates += _anywhere(drive, components, query, settings)
@@ -225,22 +231,13 @@ def _ways(drive: Drive, query: int, settings: LoopSettings) -> FloatArray:
     return shortest_ways(len(drive.poses), first, second, lengths, query)
 
 
-def _window(way_m: float | FloatArray, settings: LoopSettings) -> SearchWindow:
-    """Return how far off a keyframe may be after a way along the graph."""
-    return SearchWindow(
-        float(np.minimum(settings.first_drift_m + settings.drift_share * way_m, settings.most_drift_m)),
-        float(np.minimum(settings.first_turn_rad + settings.turn_per_m * way_m, settings.most_turn_rad)),
-    )
-
-
 def _candidates(
-    drive: Drive, components: IndexArray, query: int, way_m: FloatArray, settings: LoopSettings
+    drive: Drive, components: IndexArray, query: int, reach_m: FloatArray, settings: LoopSettings
 ) -> list[int]:
     """Return the nearest keyframe of each earlier pass, the nearest passes first."""
     distance = np.hypot(*(drive.poses[:query, :2] - drive.poses[query, :2]).T)
-    drift_m = np.minimum(settings.first_drift_m + settings.drift_share * way_m[:query], settings.most_drift_m)
     is_past = drive.travelled[query] - drive.travelled[:query] > settings.least_path_m
-    is_near = (distance < settings.reach_m + drift_m) & is_past & (components[:query] == components[query])
+    is_near = (distance < reach_m[:query]) & is_past & (components[:query] == components[query])
     near = np.flatnonzero(is_near)
     if len(near) == 0:
         return []

@@ -48,12 +48,11 @@ class DoubtSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedMatch:
-    """A match and what the last keyframes say of it: whether it may be used, and whether it needs no second thought.
+    """What the last keyframes say of a match: whether it may be used, and whether it needs no second thought.
 
     surprising: it lies where nobody would have expected it.
     """
 
-    match: ScanMatch
     agreed: Agreement
     surprising: bool
     is_usable: bool
@@ -72,7 +71,7 @@ def judge(
     agreed = agreement_with(clouds, number, pose, recent)
     is_usable = match.accepted and not is_weak(agreed, limits, surprising=surprising)
     is_sound = is_usable and agreed.hit_share >= limits.sound_share
-    return JudgedMatch(match, agreed, surprising, is_usable, is_sound)
+    return JudgedMatch(agreed, surprising, is_usable, is_sound)
 
 
 def agreement_with(clouds: Clouds, number: int, pose: FloatArray, recent: Group) -> Agreement:
@@ -98,9 +97,10 @@ def is_surprising(correction: FloatArray, limits: DoubtSettings) -> bool:
 def rescue(
     clouds: Clouds, number: int, guess: FloatArray, recent: Group, elapsed_s: float, limits: DoubtSettings
 ) -> FloatArray | None:
-    """Search around the guess (3,) for the pose (3,) at which scan `number` agrees with the last keyframes.
+    """Search around the guess (3,) for the pose (3,) at which scan `number` agrees best with the last keyframes.
 
-    elapsed_s since the last match widens the search. None where no pose is good enough, or two are as good.
+    elapsed_s since the last match widens the search. None where no pose is good enough, or two are as good; what is
+    found is still to be judged.
     """
     known = np.vstack(
         [
@@ -120,6 +120,4 @@ def rescue(
     peak = search(field, thinned, guess, window, least_score=limits.rescue_score, rival_apart_m=0.6)
     if peak is None or peak.rival > limits.rescue_rival * peak.score:
         return None
-    match = match_groups(clouds, single(number), recent, peak.pose, (0.2, 0.15, 0.1))
-    agreed = agreement_with(clouds, number, match.pose, recent)
-    return None if is_weak(agreed, limits, surprising=True) else match.pose
+    return match_groups(clouds, single(number), recent, peak.pose, (0.2, 0.15, 0.1)).pose

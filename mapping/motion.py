@@ -35,7 +35,7 @@ class ConstantVelocity:
 
     def restart(self) -> None:
         """Forget the motion, but not the sensor's pace."""
-        self._matched: tuple[int, FloatArray] | None = None
+        self._matched: FloatArray | None = None  # the pose of the last match
         self._since_match_s = 0.0
         self._twist: FloatArray = np.zeros(3)
 
@@ -48,7 +48,7 @@ class ConstantVelocity:
         """Return the mean twist (3,) from the last match to a pose (3,) at a later stamp."""
         if self._matched is None:
             return np.zeros(3)
-        return se2.log(se2.between(self._matched[1], pose)) / self.since_match_s(stamp_ns)
+        return se2.log(se2.between(self._matched, pose)) / self.since_match_s(stamp_ns)
 
     def since_match_s(self, stamp_ns: int) -> float:
         """Return how long ago, at a stamp after the newest scan's, the last match was."""
@@ -63,7 +63,7 @@ class ConstantVelocity:
         """Learn that the robot was at a pose (3,) at the next scan: as a match says, or else a guess."""
         if matched:
             self._twist, self._since_match_s = self.twist_to(stamp_ns, pose), 0.0
-            self._matched = (stamp_ns, pose)
+            self._matched = pose
         else:
             self._since_match_s = self.since_match_s(stamp_ns)
         if self._newest_ns is not None:

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping import se2
+
 FloatArray = NDArray[np.float64]
 StampArray = NDArray[np.int64]
 IndexArray = NDArray[np.int64]
@@ -165,3 +167,26 @@ class ScanArchive:
                 self._points[number] = None
                 self._bytes -= points.nbytes
                 self._loose_bytes -= points.nbytes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedScans:
+    """The scans of a drive in the map: keyframe poses (K, 3), and in_map (K,) whether a keyframe's place is known."""
+
+    archive: ScanArchive
+    poses: FloatArray
+    in_map: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.archive)
+
+    def get(self, number: int) -> tuple[FloatArray, FloatArray] | None:
+        """Return pose (3,) in the map and points (N, 2) in the body frame of a scan; None where it is not drawn."""
+        scan = self.archive[number]
+        if scan.points is None or not scan.matched or not self.in_map[scan.keyframe]:
+            return None
+        return se2.compose(self.poses[scan.keyframe], scan.T_keyframe_scan), scan.points
+
+    def copy(self) -> PlacedScans:
+        """Return the same, of which later changes are not seen."""
+        return PlacedScans(self.archive.copy(), self.poses.copy(), self.in_map.copy())

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
+from mapping.background import Background, at_once
 from mapping.errors import MappingError
 from mapping.front_end import FrontEnd, FrontEndSettings, KeyframeSettings, MappingCounters, TrackedScan
-from mapping.graph_slam import Background, GraphSettings, GraphSlam, at_once
+from mapping.graph_slam import GraphSettings, GraphSlam
 from mapping.graph_state import GraphState
 from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.live_grid import LiveGrid
@@ -98,6 +99,8 @@ class Mapper:
             )
         self.graph.restore(state)
         self._front.resume()
+        if self.live_grid is not None:
+            self.live_grid.resume(self.graph)
         self._resumed_ns = state.end_ns
 
     @property

@@ -14,7 +14,7 @@ from mapping.errors import MapFileError
 from mapping.graph_state import GraphState
 
 STATE_NAME = "slam_state.npz"
-_FORMAT = 1
+_FORMAT = 2
 
 
 def write_state(path: Path, state: GraphState) -> None:

@@ -17,8 +17,9 @@ import numpy as np
 
 from drivers.messages import LaserScan, LidarStream, Message, Odometry, RawChunk, Transform
 from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
+from mapping.background import Background, at_once
 from mapping.frames import find_mount
-from mapping.graph_slam import Background, GraphSettings, at_once
+from mapping.graph_slam import GraphSettings
 from mapping.graph_state import GraphState
 from mapping.loop_closure import LoopSettings
 from mapping.mount import Mount

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from mapping import se2
-from mapping.graph_slam import PlacedScans, at_once
+from mapping.background import at_once
 from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.live_grid import LiveGrid
-from mapping.scan_archive import ScanArchive
+from mapping.scan_archive import PlacedScans, ScanArchive
 from mapping.sensor_models import LidarModel
 
 SENSOR = np.array([0.1, 0.0])
@@ -147,6 +147,39 @@ def test_a_piece_whose_place_is_unknown_is_drawn_when_it_is_known() -> None:
     assert live.redrawn == 0
     graph.out = set()
     graph.drive(live, 10)
+    assert live.redrawn == 1
+    assert_same(live.grid(), graph.drawn())
+
+
+def test_a_piece_is_not_kept_waiting_because_the_map_was_drawn_anew_a_moment_ago() -> None:
+    graph, live = Graph(), live_grid()
+    graph.drive(live, 26, loop_at_the_25th(graph))
+    graph.drive(live, 4)
+    assert live.redrawn == 1
+    graph.out = {30, 31}
+    graph.drive(live, 2)
+    graph.out = set()
+    graph.drive(live, 3)
+    assert live.redrawn == 2
+    assert_same(live.grid(), graph.drawn())
+
+
+def test_an_earlier_drive_is_drawn_by_the_background_and_not_while_mapping_waits() -> None:
+    graph = Graph()
+    graph.drive(live_grid(), 40)
+    tasks: list[Callable[[], None]] = []
+
+    def background(task):
+        tasks.append(task)
+        return task
+
+    live = live_grid(background)
+    live.resume(graph)
+    assert not live.grid().known.any()
+    graph.drive(live, 1)
+    assert len(tasks) == 1
+    assert live.grid().known.sum() < 0.2 * graph.drawn().known.sum()
+    graph.drive(live, 4)
     assert live.redrawn == 1
     assert_same(live.grid(), graph.drawn())
 

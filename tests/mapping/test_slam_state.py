@@ -67,7 +67,7 @@ def test_a_file_that_is_no_state_is_refused_in_one_line(damage, mapper, tmp_path
     elif damage == "format":
         np.savez(file, format=np.array(99), **state.arrays)
     else:
-        np.savez(file, format=np.array(1), poses=state.arrays["poses"])
+        np.savez(file, format=np.array(2), poses=state.arrays["poses"])
     with pytest.raises(MapFileError) as refused:
         read_state(tmp_path)
     assert STATE_NAME in str(refused.value)
