@@ -7,20 +7,21 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+from fusion.alignment import Alignment
 from fusion.evaluation import error_at_points
-from fusion.registration import PRESETS, Alignment, register
+from fusion.registration import Method, register
 from tools.map_pairs import MapPair, map_pairs
 from tools.results import Report
 
 PRECISE_M, PRECISE_DEG = 0.10, 1.0
 
 
-def evaluate_maps(data: Path, preset: str, seed: int, on_progress: Callable[[str], None]) -> Report:
+def evaluate_maps(data: Path, preset: Method, seed: int, on_progress: Callable[[str], None]) -> Report:
     """Register every pair of `map_pairs`; return a row for each, failures included, and the counts."""
     rows = []
     for pair in map_pairs(data, seed):
         started = time.perf_counter()
-        alignment = register(pair.a, pair.b, PRESETS[preset], seed)
+        alignment = register(pair.a, pair.b, preset, seed)
         row = judged(pair, alignment) | {"seconds": round(time.perf_counter() - started, 3)}
         rows.append(row)
         on_progress(f"{row['pair']}: {row['verdict']} ({row['reason']})")
