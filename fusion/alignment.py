@@ -31,7 +31,8 @@ class Alignment:
 
     On refusal it is the best hypothesis, or None. inliers is None where no features were matched; acceptance is omega
     (3.15); overlap, see verification. probability and covariance (3, 3), of x and y in m and yaw in rad as T_a_b has
-    them, are None where the method does not tell.
+    them, are None where the method does not tell. scale, only where it was estimated, is how many cells of map a the
+    matches say that a cell of map b is.
     """
 
     T_a_b: FloatArray | None
@@ -43,20 +44,20 @@ class Alignment:
     probability: float | None = None
     covariance: FloatArray | None = None
     alternatives: tuple[Alternative, ...] = ()
+    scale: float | None = None
 
     def inverse(self) -> Alignment:
         """Return the same verdict for the maps in exchanged order: the pose of map a's frame in map b's."""
-        if self.T_a_b is None:
-            return replace(self, alternatives=tuple(each.inverse() for each in self.alternatives))
         covariance = None
-        if self.covariance is not None:
+        if self.covariance is not None and self.T_a_b is not None:
             jacobian = inverse_jacobian(self.T_a_b)
             covariance = jacobian @ self.covariance @ jacobian.T
         return replace(
             self,
-            T_a_b=se2.inverse(self.T_a_b),
+            T_a_b=None if self.T_a_b is None else se2.inverse(self.T_a_b),
             covariance=covariance,
             alternatives=tuple(each.inverse() for each in self.alternatives),
+            scale=None if self.scale is None else 1.0 / self.scale,
         )
 
 
