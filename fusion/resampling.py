@@ -45,11 +45,12 @@ def known_corners(grid: OccupancyGrid) -> FloatArray:
 
 def cut_to_known(grid: OccupancyGrid) -> OccupancyGrid:
     """Return the grid without its rim of unknown cells; as it is where nothing is known."""
-    rows, cols = np.nonzero(grid.known)
+    known = grid.known
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if len(rows) == 0:
         return grid
-    cells = grid.log_odds[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-    corner = np.array([cols.min() * grid.resolution_m, rows.min() * grid.resolution_m, 0.0])
+    cells = grid.log_odds[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    corner = np.array([cols[0] * grid.resolution_m, rows[0] * grid.resolution_m, 0.0])
     return OccupancyGrid(cells, grid.resolution_m, se2.compose(grid.origin, corner))
 
 
