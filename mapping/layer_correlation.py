@@ -58,37 +58,53 @@ def coarse_layers(walls: WallMap, cell_m: float) -> Layers:
     return Layers(occupied, free, cell_m)
 
 
-def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int, turn_offset_rad: float = 0.0) -> Shifts:
-    """Return the best shifts of every one of `turns` rotations of b, all in one list.
+def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int) -> Shifts:
+    """Return the best shifts of every one of `turns` rotations of b, an even number, all in one list.
 
-    Both must have the same cell_m. Memory and time grow with turns times the padded area.
+    Both must have the same cell_m. Memory grows with the area of both, time with turns times that.
     """
     side = math.ceil(math.hypot(*b.wall.shape)) + 2
     rows, cols = a.wall.shape
     shape = (fft.next_fast_len(rows + side, real=True), fft.next_fast_len(cols + side, real=True))
-    wall_a = cv2.GaussianBlur(a.wall, (0, 0), _BLUR_CELLS)
-    spectrum_wall, spectrum_free = fft.rfft2(wall_a, shape), fft.rfft2(a.free, shape)
+    spectrum_wall = fft.rfft2(cv2.GaussianBlur(a.wall, (0, 0), _BLUR_CELLS), shape)
+    spectrum_free = fft.rfft2(a.free, shape)
     against_wall = spectrum_wall - np.float32(_CONFLICT) * spectrum_free
     against_free = np.float32(_COMMON_FREE) * spectrum_free - np.float32(_CONFLICT) * spectrum_wall
     middle_b = (np.array(b.wall.shape[::-1]) - 1.0) / 2.0
-    middle = np.array([(side - 1) / 2.0, (side - 1) / 2.0])
-    poses, scores = [], []
-    for turn in turn_offset_rad + np.arange(turns) * (2.0 * np.pi / turns):
+    middle = np.full(2, (side - 1) / 2.0)
+    poses: list[list[float]] = []
+    scores: list[float] = []
+    for turn in np.arange(turns // 2) * (2.0 * np.pi / turns):
         cos, sin = math.cos(turn), math.sin(turn)
         rotation = np.array([[cos, -sin], [sin, cos]])
         onto = np.column_stack([rotation, middle - rotation @ middle_b])
         wall_b, free_b = (
-            cv2.warpAffine(layer, onto, (side, side), flags=cv2.INTER_LINEAR) for layer in (b.wall, b.free)
+            _spectrum_of_corner(cv2.warpAffine(layer, onto, (side, side), flags=cv2.INTER_LINEAR), shape)
+            for layer in (b.wall, b.free)
         )
-        product = against_wall * np.conj(fft.rfft2(wall_b, shape)) + against_free * np.conj(fft.rfft2(free_b, shape))
-        surface = fft.irfft2(product, shape, overwrite_x=True)
-        corner = middle - rotation @ (middle_b + 0.5) + 0.5
-        for score, row, col in _peaks(surface, peaks_per_turn):
-            shift = np.array([col - shape[1] if col >= cols else col, row - shape[0] if row >= rows else row])
-            poses.append([*((corner + shift) * a.cell_m), se2.wrap_angle(turn)])
-            scores.append(score)
+        # Turned by half a turn, the canvas is read backwards: its correlation is the convolution with what is there.
+        halves = (
+            (turn, rotation, 0, against_wall * wall_b.conj() + against_free * free_b.conj()),
+            (turn + np.pi, -rotation, side - 1, against_wall * wall_b + against_free * free_b),
+        )
+        for angle, turned, ahead, product in halves:
+            corner = middle - turned @ (middle_b + 0.5) + 0.5
+            for score, row, col in _peaks(fft.irfft2(product, shape, overwrite_x=True), peaks_per_turn):
+                shift = np.array([_unwrapped(col - ahead, cols, shape[1]), _unwrapped(row - ahead, rows, shape[0])])
+                poses.append([*((corner + shift) * a.cell_m), se2.wrap_angle(angle)])
+                scores.append(score)
     order = np.argsort(-np.array(scores), kind="stable")
     return Shifts(np.array(poses)[order], np.array(scores)[order])
+
+
+def _spectrum_of_corner(layer: Layer, shape: tuple[int, int]) -> NDArray[np.complex64]:
+    """Return the spectrum of a layer that is padded to a shape; the rows of zeros are not transformed one by one."""
+    return np.asarray(fft.fft(fft.rfft(layer, shape[1], axis=1), shape[0], axis=0))
+
+
+def _unwrapped(shift: int, extent: int, period: int) -> int:
+    """Return a cyclic shift as the one from -(period - extent) to extent."""
+    return (shift + period - extent) % period - (period - extent)
 
 
 def _pooled(mask: NDArray[np.bool_], factor: float) -> Layer:

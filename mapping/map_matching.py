@@ -88,6 +88,17 @@ def refine(
     return Fit(found, matrix, hits / max(len(points), 1), len(points))
 
 
+def refine_each(
+    walls: WallMap, points: FloatArray, poses: FloatArray, scales_m: tuple[float, ...]
+) -> FloatArray:
+    """Return the poses (K, 3) that `refine` reaches from each of poses (K, 3); angles are not wrapped.
+
+    The points (N, 2) should lie about the origin of their frame: a step turns about it.
+    """
+    scales = np.array(scales_m, dtype=np.float64)
+    return _refine_each(walls.distances, walls.resolution_m, points, np.ascontiguousarray(poses), scales)
+
+
 def structure(fit: Fit) -> float:
     """Return how firmly the walls hold a fit in its weakest direction, 0..0.5: mean square of the normals' component.
 
@@ -213,6 +224,17 @@ def _accumulate(
             for j in range(3):
                 matrix[i, j] += robust * jacobian[i] * jacobian[j]
     return hits
+
+
+@njit(cache=True, nogil=True)
+def _refine_each(
+    distances: Distances, resolution_m: float, points: FloatArray, poses: FloatArray, scales_m: FloatArray
+) -> FloatArray:
+    refined = np.empty_like(poses)
+    held = np.zeros((3, 3))
+    for k in range(poses.shape[0]):
+        refined[k] = _gauss_newton(distances, resolution_m, points, poses[k], scales_m, held)[0]
+    return refined
 
 
 @njit(cache=True, nogil=True)

@@ -34,8 +34,9 @@ def outline_of(walls: WallMap) -> Outline:
     normals, straight = _directions(walls.states, rows, cols, walls.resolution_m)
     steepest = np.maximum(np.abs(normals[:, 0]), np.abs(normals[:, 1]))
     # A straight line of length l holds l |cos| / r or l |sin| / r cells, whichever is more.
-    lengths = walls.resolution_m / np.where(straight, steepest, 1.0)
-    return Outline(points, np.asarray(lengths, dtype=np.float64), np.where(straight[:, np.newaxis], normals, 0.0))
+    lengths = np.asarray(walls.resolution_m / np.where(straight, steepest, 1.0), dtype=np.float64)
+    directed = np.where(straight[:, np.newaxis], normals, 0.0).astype(np.float64)
+    return Outline(points.astype(np.float64), lengths, directed)
 
 
 def _outline_cells(states: States) -> NDArray[np.bool_]:
