@@ -192,15 +192,16 @@ def _judge(
     known = moving.resolution_m / fixed.resolution_m
     scale = motion.scale * known if settings.scale == "estimate" else None
     against = objection(agreement, inliers, settings.rule)
-    if against is None and abs(motion.scale - 1.0) > _MAX_SCALE_ERROR:
+    off = abs(motion.scale - 1.0)
+    if against is None and off > _MAX_SCALE_ERROR:
         against = (
-            f"the matches agree on a scale of {motion.scale:.3f} times the ratio of the resolutions, "
-            f"and a metric map has no free scale: at most {_MAX_SCALE_ERROR:.0%} off is believed"
+            f"the matches agree on a scale that is {off:.1%} off the ratio of the resolutions, "
+            f"and a metric map has no free scale: at most {_MAX_SCALE_ERROR:.0%} is believed"
         )
     reason = against or (
         f"{inliers} of {matches} matches agree, acceptance index {agreement.acceptance:.3f}, "
         f"{agreement.wall_m:.0f} m of common wall"
-        + ("" if scale is None else f", scale {motion.scale:.4f} times the ratio of the resolutions")
+        + ("" if scale is None else f", scale {off:.2%} off the ratio of the resolutions")
     )
     return Alignment(
         motion.T_a_b, against is None, reason, inliers, agreement.acceptance, agreement.overlap, scale=scale

@@ -24,6 +24,7 @@ from tools.commands import (
     demo,
     emulate,
     evaluate,
+    evaluate_features,
     evaluate_maps,
     evaluate_plans,
     evaluate_rates,
@@ -59,6 +60,7 @@ bench.app.command("slam")(bench_slam.slam)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
+evaluate.app.command("features")(evaluate_features.features)
 evaluate.app.command("maps")(evaluate_maps.maps)
 evaluate.app.command("plans")(evaluate_plans.plans)
 evaluate.app.command("robustness")(evaluate_robustness.robustness)

@@ -16,12 +16,12 @@ from tools.results import Report
 PRECISE_M, PRECISE_DEG = 0.10, 1.0
 
 
-def evaluate_maps(data: Path, preset: Method, seed: int, on_progress: Callable[[str], None]) -> Report:
+def evaluate_maps(data: Path, method: Method, seed: int, on_progress: Callable[[str], None]) -> Report:
     """Register every pair of `map_pairs`; return a row for each, failures included, and the counts."""
     rows = []
     for pair in map_pairs(data, seed):
         started = time.perf_counter()
-        alignment = register(pair.a, pair.b, preset, seed)
+        alignment = register(pair.a, pair.b, method, seed)
         row = judged(pair, alignment) | {"seconds": round(time.perf_counter() - started, 3)}
         rows.append(row)
         on_progress(f"{row['pair']}: {row['verdict']} ({row['reason']})")
@@ -29,7 +29,7 @@ def evaluate_maps(data: Path, preset: Method, seed: int, on_progress: Callable[[
     different = Counter(row["verdict"] for row in rows if not row["same_place"])
     verdicts = Counter(row["verdict"] for row in same)
     return {
-        "preset": preset,
+        "method": method,
         "seed": seed,
         "same_place": {
             "pairs": len(same),

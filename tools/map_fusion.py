@@ -8,11 +8,12 @@ import math
 import re
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
+from fusion.algorithm3 import Algorithm3Settings
 from fusion.alignment import Alignment
 from fusion.certainty import fuse_pair
 from fusion.identity import reference_rank, same_evidence
@@ -37,25 +38,44 @@ class _Group:
     T_global_map: dict[int, FloatArray]
 
 
-def align_maps(a: Path, b: Path, *, preset: Method, seed: int) -> Report:
+@dataclass(frozen=True, slots=True)
+class _Registration:
+    """How maps are registered; the settings count for the method of the thesis."""
+
+    method: Method
+    settings: Algorithm3Settings
+    seed: int
+
+    def settings_report(self) -> Report | None:
+        """Return the thesis's settings for JSON; None for a method without any."""
+        if self.method != "thesis":
+            return None
+        alpha = "auto" if self.settings.alpha is None else self.settings.alpha
+        return asdict(self.settings) | {"alpha": alpha, "features": self.settings.features.name}
+
+
+def align_maps(a: Path, b: Path, *, method: Method, settings: Algorithm3Settings, seed: int) -> Report:
     """Register two map files; (dx, dy, theta_deg) is the pose of b's map frame in a's. Raises MapFileError."""
     grids = [_load(path) for path in (a, b)]
-    alignment, seconds = _timed_register(grids[0], grids[1], preset, seed)
+    registration = _Registration(method, settings, seed)
+    alignment, seconds = _timed_register(grids[0], grids[1], registration)
     return {
+        "method": method,
         "accepted": alignment.accepted,
-        "probability": None,
-        **_pose_fields(alignment.T_a_b),
-        "covariance": None,
+        **_certainty_fields(alignment),
         "acceptance": round(alignment.acceptance, 4),
         "inliers": alignment.inliers,
         "overlap": round(alignment.overlap, 4),
+        "scale": alignment.scale,
         "reason": alignment.reason,
-        "alternatives": [],
+        "settings": registration.settings_report(),
         "seconds": round(seconds, 3),
     }
 
 
-def fuse_maps(files: Sequence[Path], output: Path | None, *, preset: Method, seed: int) -> tuple[Path, Report]:
+def fuse_maps(
+    files: Sequence[Path], output: Path | None, *, method: Method, settings: Algorithm3Settings, seed: int
+) -> tuple[Path, Report]:
     """Fuse one or two map files into a folder, global_<k>.yaml/.pgm/.npz/.png and report.json; return both.
 
     Maps that do not belong together become a global map each; a map without a known cell is skipped. The order of the
@@ -68,11 +88,13 @@ def fuse_maps(files: Sequence[Path], output: Path | None, *, preset: Method, see
     usable = [number for number, grid in enumerate(grids) if grid.known.any()]
     for number in sorted(set(range(len(files))) - set(usable)):
         log.warning("%s: no known cell: skipped", files[number])
-    groups, pairs = _grouped(files, grids, usable, preset, seed)
+    registration = _Registration(method, settings, seed)
+    groups, pairs = _grouped(files, grids, usable, registration)
     report: Report = {
         "maps": [_map_entry(str(path), number, groups) for number, path in enumerate(files)],
         "pairs": pairs,
-        "preset": preset,
+        "method": method,
+        "settings": registration.settings_report(),
         "seed": seed,
     }
     folder = new_run_folder(output)
@@ -87,14 +109,14 @@ def _load(path: Path) -> OccupancyGrid:
     return loaded.grid
 
 
-def _timed_register(a: OccupancyGrid, b: OccupancyGrid, preset: Method, seed: int) -> tuple[Alignment, float]:
+def _timed_register(a: OccupancyGrid, b: OccupancyGrid, registration: _Registration) -> tuple[Alignment, float]:
     started = time.perf_counter()
-    alignment = register(a, b, preset, seed)
+    alignment = register(a, b, registration.method, registration.seed, registration.settings)
     return alignment, time.perf_counter() - started
 
 
 def _grouped(
-    files: Sequence[Path], grids: Sequence[OccupancyGrid], usable: Sequence[int], preset: Method, seed: int
+    files: Sequence[Path], grids: Sequence[OccupancyGrid], usable: Sequence[int], registration: _Registration
 ) -> tuple[list[_Group], list[Report]]:
     """Return the groups, the one with the best reference first, and the report on each pair."""
     alone = [_Group(grids[number], {number: se2.IDENTITY}) for number in usable]
@@ -102,13 +124,12 @@ def _grouped(
     if len(usable) < _MOST_MAPS:
         return alone, []
     a, b = grids
-    alignment, seconds = _timed_register(a, b, preset, seed)
+    alignment, seconds = _timed_register(a, b, registration)
     pair: Report = {
         "a": str(files[0]),
         "b": str(files[1]),
         "accepted": alignment.accepted,
-        "probability": None,
-        **_pose_fields(alignment.T_a_b),
+        **_certainty_fields(alignment),
         "reason": alignment.reason,
         "same_evidence": same_evidence(a, b),
         "seconds": round(seconds, 3),
@@ -117,6 +138,17 @@ def _grouped(
         return alone, [pair]
     fused = fuse_pair(a, b, alignment.T_a_b)
     return [_Group(fused.grid, {0: fused.T_global_a, 1: fused.T_global_b})], [pair]
+
+
+def _certainty_fields(alignment: Alignment) -> Report:
+    """Return the pose, how sure it is, and what else it could be."""
+    alternatives = [{**_pose_fields(other.T_a_b), "probability": other.probability} for other in alignment.alternatives]
+    return {
+        "probability": alignment.probability,
+        **_pose_fields(alignment.T_a_b),
+        "covariance": None if alignment.covariance is None else alignment.covariance.tolist(),
+        "alternatives": alternatives,
+    }
 
 
 def _pose_fields(pose: FloatArray | None) -> Report:

@@ -15,6 +15,7 @@ from fusion.resampling import Raster, known_corners, raster_around, raster_of, r
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from tools.errors import ToolError
+from tools.feature_study import FeatureTrial
 from tools.rate_study import RateMap
 
 FloatArray = NDArray[np.float64]
@@ -178,6 +179,22 @@ def draw_real_time_factors(file: Path, maps: Sequence[RateMap], title: str) -> N
     axes.grid(visible=True, alpha=0.25)
     axes.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
     axes.set_title(title, fontsize=12)
+    figure.savefig(file, dpi=110)
+    plt.close(figure)
+
+
+def draw_inliers(file: Path, trials: Sequence[FeatureTrial], title: str) -> None:
+    """Write a PNG: the inliers of each kind of features over alpha (thesis fig. 3.5b).
+
+    Raises ToolError without matplotlib.
+    """
+    plt = _pyplot()
+    figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
+    for features in dict.fromkeys(trial.features for trial in trials):
+        own = [trial for trial in trials if trial.features == features]
+        axes.plot([trial.alpha for trial in own], [trial.inliers for trial in own], "o-", label=features)
+    axes.set(xlabel="alpha (0: the map as it is)", ylabel="inliers", title=title, ylim=(0, None))
+    axes.legend()
     figure.savefig(file, dpi=110)
     plt.close(figure)
 

@@ -149,3 +149,54 @@ def test_bad_files_fail_with_one_line(cli, two_maps, tmp_path):
         assert outcome.code == 1
         assert len(outcome.error_lines) == 1
     assert cli("fuse", *two_maps, two_maps[0], "-o", tmp_path / "out").code == 2
+
+
+THESIS_OPTIONS = {
+    "as in the thesis": (),
+    "detector": ("--detector", "akaze", "--descriptor", "sift", "--ratio", "0.7", "--trials", "2000"),
+    "alpha auto": ("--alpha", "auto", "--detector", "orb"),
+    "scale": ("--scale", "estimate", "--tolerance-px", "2", "--confidence", "0.999"),
+    "fine": ("--common-cell", "fine", "--alpha", "0.5"),
+}
+
+
+@pytest.mark.parametrize("options", THESIS_OPTIONS.values(), ids=THESIS_OPTIONS)
+def test_the_method_of_the_thesis_and_its_options(cli, two_maps, options):
+    outcome = cli("align", *two_maps, "--method", "thesis", *options, "--json")
+    report = json.loads(outcome.out)
+    assert outcome.code == 0, report["reason"]
+    assert report["method"] == "thesis"
+    found = np.array([report["dx"], report["dy"], np.radians(report["theta_deg"])])
+    np.testing.assert_allclose(found, se2.inverse(POSE), atol=0.1)
+    assert report["scale"] == (pytest.approx(1.0, abs=0.01) if "estimate" in options else None)
+    alpha = options[options.index("--alpha") + 1] if "--alpha" in options else "0.99"
+    assert str(report["settings"]["alpha"]) == alpha
+    assert ("chosen from" in report["reason"]) == ("auto" in options)
+
+
+def test_fuse_reports_its_method(cli, two_maps, tmp_path):
+    outcome = cli("fuse", *two_maps, "-o", tmp_path / "out", "--method", "thesis", "--detector", "akaze", "--json")
+    report = json.loads(outcome.out)
+    assert outcome.code == 0, report["pairs"]
+    assert (report["method"], report["settings"]["features"]) == ("thesis", "akaze+akaze")
+    alone = json.loads(cli("fuse", two_maps[0], "-o", tmp_path / "out", "--json").out)
+    assert (alone["method"], alone["settings"]) == ("default", None)
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--alpha", "0.5", "--common-cell", "fine"), "--alpha, --common-cell: only with --method thesis"),
+        (("--method", "thesis", "--detector", "surf"), "detector surf: it is not in OpenCV's wheels"),
+        (("--method", "thesis", "--descriptor", "kaze", "--detector", "orb"), "describes keypoints of kaze only"),
+        (("--method", "thesis", "--alpha", "much"), "--alpha much: must be a number"),
+        (("--method", "thesis", "--alpha", "1"), "alpha 1: must be 0.01 to 0.99"),
+        (("--method", "thesis", "--ratio", "nan"), "ratio nan: must be above 0"),
+    ],
+)
+@pytest.mark.parametrize("command", ["align", "fuse"])
+def test_options_that_cannot_be_end_with_one_line_and_exit_code_2(cli, tmp_path, command, options, says):
+    outcome = cli(command, tmp_path / "a.yaml", tmp_path / "b.yaml", *options)
+    assert outcome.code == 2
+    assert len(outcome.error_lines) == 1
+    assert says in outcome.error_lines[0]

@@ -7,16 +7,41 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, PresetName, RegistrationPreset, Seed, print_json
+from tools.commands.options import (
+    Alpha,
+    CommonCellOption,
+    Confidence,
+    Descriptor,
+    Detector,
+    Json,
+    Method,
+    MethodName,
+    Ratio,
+    Scale,
+    Seed,
+    TolerancePx,
+    Trials,
+    print_json,
+    thesis_settings,
+)
 from tools.exit_codes import ExitCode
 
 
 def align(
     a: Annotated[Path, typer.Argument(metavar="A", help="The map whose frame the answer is in: .yaml or .npz.")],
     b: Annotated[Path, typer.Argument(metavar="B", help="The map to place in it.")],
-    preset: RegistrationPreset = PresetName.default,
     seed: Seed = 0,
     as_json: Json = False,
+    method: Method = MethodName.default,
+    detector: Detector = None,
+    descriptor: Descriptor = None,
+    alpha: Alpha = None,
+    scale: Scale = None,
+    ratio: Ratio = None,
+    tolerance_px: TolerancePx = None,
+    trials: Trials = None,
+    confidence: Confidence = None,
+    common_cell: CommonCellOption = None,
 ) -> None:
     """Find the pose of map B's frame in map A's frame, without any initial guess.
 
@@ -24,7 +49,19 @@ def align(
     """
     from tools.map_fusion import align_maps
 
-    report = align_maps(a, b, preset=preset.value, seed=seed)
+    settings = thesis_settings(
+        method,
+        detector=detector,
+        descriptor=descriptor,
+        alpha=alpha,
+        scale=scale,
+        ratio=ratio,
+        tolerance_px=tolerance_px,
+        trials=trials,
+        confidence=confidence,
+        common_cell=common_cell,
+    )
+    report = align_maps(a, b, method=method.value, settings=settings, seed=seed)
     if as_json:
         print_json(report)
     else:

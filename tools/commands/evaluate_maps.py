@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, PresetName, RegistrationPreset, Seed, print_json
+from tools.commands.options import Json, Method, MethodName, Seed, print_json
 from tools.errors import ToolError
 
 log = logging.getLogger(__name__)
@@ -18,7 +18,7 @@ def maps(
     data: Annotated[Path, typer.Option(metavar="DIR", envvar="MAPFUSE_DATA", help="Folder of the data sets.")] = Path(
         "../shared/data"
     ),
-    preset: RegistrationPreset = PresetName.default,
+    method: Method = MethodName.default,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -28,7 +28,7 @@ def maps(
     """
     from tools.map_evaluation import evaluate_maps
 
-    report = evaluate_maps(data, preset.value, seed, log.info)
+    report = evaluate_maps(data, method.value, seed, log.info)
     same, different = report["same_place"], report["different_places"]
     if as_json:
         print_json(report)

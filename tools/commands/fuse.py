@@ -7,16 +7,42 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, OutputFolder, PresetName, RegistrationPreset, Seed, print_json
+from tools.commands.options import (
+    Alpha,
+    CommonCellOption,
+    Confidence,
+    Descriptor,
+    Detector,
+    Json,
+    Method,
+    MethodName,
+    OutputFolder,
+    Ratio,
+    Scale,
+    Seed,
+    TolerancePx,
+    Trials,
+    print_json,
+    thesis_settings,
+)
 from tools.exit_codes import ExitCode
 
 
 def fuse(
     maps: Annotated[list[Path], typer.Argument(metavar="A B", help="Two maps: .yaml or .npz, any resolutions.")],
     output: OutputFolder = None,
-    preset: RegistrationPreset = PresetName.default,
     seed: Seed = 0,
     as_json: Json = False,
+    method: Method = MethodName.default,
+    detector: Detector = None,
+    descriptor: Descriptor = None,
+    alpha: Alpha = None,
+    scale: Scale = None,
+    ratio: Ratio = None,
+    tolerance_px: TolerancePx = None,
+    trials: Trials = None,
+    confidence: Confidence = None,
+    common_cell: CommonCellOption = None,
 ) -> None:
     """Fuse two maps of unknown relative pose into one.
 
@@ -26,7 +52,19 @@ def fuse(
     """
     from tools.map_fusion import fuse_maps
 
-    folder, report = fuse_maps(maps, output, preset=preset.value, seed=seed)
+    settings = thesis_settings(
+        method,
+        detector=detector,
+        descriptor=descriptor,
+        alpha=alpha,
+        scale=scale,
+        ratio=ratio,
+        tolerance_px=tolerance_px,
+        trials=trials,
+        confidence=confidence,
+        common_cell=common_cell,
+    )
+    folder, report = fuse_maps(maps, output, method=method.value, settings=settings, seed=seed)
     if as_json:
         print_json(report)
     else:

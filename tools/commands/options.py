@@ -6,13 +6,17 @@ import json
 import math
 import sys
 from collections.abc import Mapping
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tools.errors import UsageError
+
 if TYPE_CHECKING:
+    from fusion.algorithm3 import Algorithm3Settings
     from tools.config import Config
 
 LidarPort = Annotated[
@@ -60,17 +64,114 @@ TimeLimit = Annotated[
 ]
 
 
-class PresetName(str, Enum):
-    """Named settings of the registration, see fusion.registration.PRESETS."""
+class MethodName(str, Enum):
+    """How maps are registered, see fusion.registration."""
 
     default = "default"
     thesis = "thesis"
 
 
-RegistrationPreset = Annotated[
-    PresetName,
-    typer.Option("--preset", help="Settings of the registration: these, or the thesis's own; see docs/fusion.md."),
+class ScaleName(str, Enum):
+    """Where the scale between two maps comes from (thesis section 4.1.3.1)."""
+
+    known = "known"
+    estimate = "estimate"
+
+
+class CommonCell(str, Enum):
+    """The cell on which maps of two resolutions are matched (thesis section 5.3)."""
+
+    coarse = "coarse"
+    fine = "fine"
+
+
+Method = Annotated[
+    MethodName,
+    typer.Option(
+        "--method", help="How: the default, or Algorithm 3 of the thesis, which the options from here on set."
+    ),
 ]
+Detector = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="kaze, akaze, sift, orb, brisk, harris, shi-tomasi, fast, agast, mser."),
+]
+Descriptor = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="sift, kaze, akaze, orb, brisk.  [default: the detector's, KAZE's: sift]"),
+]
+Alpha = Annotated[
+    str | None,
+    typer.Option(
+        metavar="P|auto", help="Least p(free) of cells; auto: of several the best; 0: the map.  [default: 0.99]"
+    ),
+]
+Scale = Annotated[ScaleName | None, typer.Option(help="From the resolutions, or by the matches.  [default: known]")]
+Ratio = Annotated[float | None, typer.Option(metavar="R", help="Of the ratio test, on squares.  [default: 0.6]")]
+TolerancePx = Annotated[float | None, typer.Option(metavar="PX", help="Of MSAC, in cells.  [default: 1.5]")]
+Trials = Annotated[int | None, typer.Option(metavar="N", help="Of MSAC, at most.  [default: 1000]")]
+Confidence = Annotated[float | None, typer.Option(metavar="P", help="Of MSAC, to end early.  [default: 0.99]")]
+CommonCellOption = Annotated[
+    CommonCell | None,
+    typer.Option("--common-cell", help="The coarser or the finer map's cell for both.  [default: coarse]"),
+]
+
+
+def thesis_settings(
+    method: MethodName,
+    *,
+    detector: str | None,
+    descriptor: str | None,
+    alpha: str | None,
+    scale: ScaleName | None,
+    ratio: float | None,
+    tolerance_px: float | None,
+    trials: int | None,
+    confidence: float | None,
+    common_cell: CommonCell | None,
+) -> Algorithm3Settings:
+    """Return the thesis's settings with the options that are given; raise UsageError for what cannot be."""
+    options = {
+        "detector": detector,
+        "descriptor": descriptor,
+        "alpha": alpha,
+        "scale": scale,
+        "ratio": ratio,
+        "tolerance-px": tolerance_px,
+        "trials": trials,
+        "confidence": confidence,
+        "common-cell": common_cell,
+    }
+    given = [name for name, value in options.items() if value is not None]
+    if given and method != MethodName.thesis:
+        raise UsageError(f"--{', --'.join(given)}: only with --method thesis")
+    from fusion.algorithm3 import THESIS
+    from fusion.errors import FusionError
+    from fusion.features import FeatureMethod
+
+    try:
+        return replace(
+            THESIS,
+            features=FeatureMethod(detector or THESIS.features.detector, descriptor or ""),
+            alpha=THESIS.alpha if alpha is None else alpha_of(alpha),
+            scale=THESIS.scale if scale is None else scale.value,
+            max_ratio=THESIS.max_ratio if ratio is None else ratio,
+            tolerance_px=THESIS.tolerance_px if tolerance_px is None else tolerance_px,
+            trials=THESIS.trials if trials is None else trials,
+            confidence=THESIS.confidence if confidence is None else confidence,
+            common_cell=THESIS.common_cell if common_cell is None else common_cell.value,
+        )
+    except FusionError as error:
+        raise UsageError(f"--method thesis: {error}") from error
+
+
+def alpha_of(text: str) -> float | None:
+    """Return the number of an --alpha, None for auto; raise UsageError."""
+    if text == "auto":
+        return None
+    try:
+        return float(text)
+    except ValueError as error:
+        raise UsageError(f"--alpha {text}: must be a number from 0.01 to 0.99, 0 or auto") from error
 
 
 def load_config(path: Path | None, resolution_m: float | None = None, cells_per_meter: float | None = None) -> Config:
