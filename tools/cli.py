@@ -26,6 +26,7 @@ from tools.commands import (
     evaluate,
     evaluate_plans,
     evaluate_rates,
+    evaluate_registration,
     evaluate_relocalisation,
     evaluate_robustness,
     fuse,
@@ -60,6 +61,7 @@ app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
 evaluate.app.command("plans")(evaluate_plans.plans)
 evaluate.app.command("robustness")(evaluate_robustness.robustness)
+evaluate.app.command("registration")(evaluate_registration.registration)
 evaluate.app.command("rates")(evaluate_rates.rates)
 evaluate.app.command("relocalisation")(evaluate_relocalisation.relocalisation)
 app.add_typer(config.app, name="config")

@@ -98,7 +98,7 @@ def draw_windows(scans: PosedScans, a_band: int, apart: int, random: np.random.G
         spans = random.uniform(low, high, 2)
         starts = random.uniform(0.0, length - spans)
         shared = bool(starts.max() < (starts + spans).min())
-        open_to_it = [band for band in wanted if wanted[band] and not (shared and not shared_left.get(band, 0))]
+        open_to_it = [band for band in wanted if wanted[band] and not (shared and not shared_left.get(band or "", 0))]
         if not open_to_it:
             continue
         pair = _judged(scans, _numbers(travelled, starts, spans, shared=shared), shared=shared)
