@@ -30,6 +30,7 @@ from tools.commands import (
     evaluate_relocalisation,
     evaluate_robustness,
     fuse,
+    pairs,
     plan,
     record,
     replay,
@@ -53,6 +54,7 @@ app.command("record")(record.record)
 app.command("align")(align.align)
 app.command("fuse")(fuse.fuse)
 app.command("plan")(plan.plan)
+app.command("pairs")(pairs.pairs)
 app.command("demo")(demo.demo)
 app.add_typer(bench.app, name="bench")
 bench.app.command("slam")(bench_slam.slam)

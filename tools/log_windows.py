@@ -25,7 +25,7 @@ _APART = 0.002
 _COARSE_M = 0.2
 _LEAST_FREE_M2, _LEAST_COMMON_M2 = 40.0, 15.0
 _SHORTEST_M, _SHORTEST_SHARE, _LONGEST_M, _LONGEST_SHARE = 25.0, 0.08, 250.0, 0.45
-_TRIES = 3000
+TRIES = 3000
 _CAMERA_REACH_M, _CAMERA_HALF_ANGLE_RAD, _CAMERA_NOISE = 5.0, np.radians(35.0), 0.003  # noise: sigma = that r^2
 
 
@@ -77,10 +77,12 @@ def as_camera(scans: PosedScans, random: np.random.Generator) -> PosedScans:
     return replace(scans, points=tuple(seen), reach_m=_CAMERA_REACH_M)
 
 
-def draw_windows(scans: PosedScans, a_band: int, apart: int, random: np.random.Generator) -> list[WindowPair]:
+def draw_windows(
+    scans: PosedScans, a_band: int, apart: int, random: np.random.Generator, tries: int = TRIES
+) -> list[WindowPair]:
     """Return random window pairs: up to a_band for each band, at most half of them shared, and up to `apart` apart.
 
-    Fewer where the drive does not hold them. Raises ToolError where it is too short for two windows.
+    Fewer where so many tries find no more. Raises ToolError where it is too short for two windows.
     """
     travelled = scans.travelled_m
     length = float(travelled[-1])
@@ -94,7 +96,7 @@ def draw_windows(scans: PosedScans, a_band: int, apart: int, random: np.random.G
     wanted: dict[str | None, int] = {None: apart}
     wanted.update(dict.fromkeys(BAND_LIMITS, a_band))
     shared_left = dict.fromkeys(BAND_LIMITS, a_band // 2)
-    for _ in range(_TRIES):
+    for _ in range(tries):
         spans = random.uniform(low, high, 2)
         starts = random.uniform(0.0, length - spans)
         shared = bool(starts.max() < (starts + spans).min())

@@ -13,7 +13,7 @@ from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_image import encode_image
 from mapping.map_yaml import MapMode, MapYaml, format_map_yaml
-from tools.log_windows import PosedScans, WindowPair, as_camera, draw_windows, map_of
+from tools.log_windows import TRIES, PosedScans, WindowPair, as_camera, draw_windows, map_of
 from tools.pair_files import MapPair, PairTruth
 from tools.pair_overlap import common_free, common_wall_m, wall_line
 from tools.results import writing_to
@@ -27,11 +27,14 @@ _FRAME_M = 20.0
 
 @dataclass(frozen=True, slots=True)
 class WindowPlan:
-    """How many window pairs of one drive: a_band for each band, `apart` without common free space; in which kinds."""
+    """How many window pairs of one drive, of `tries` random ones: a_band for each band, `apart` without common free
+    space; and in which kinds each of them is drawn.
+    """
 
     a_band: int = 8
     apart: int = 12
     kinds: tuple[str, ...] = tuple(RESOLUTIONS_M)
+    tries: int = TRIES
 
 
 def window_pairs(folder: Path, scans: PosedScans, plan: WindowPlan, seed: int) -> list[MapPair]:
@@ -40,7 +43,7 @@ def window_pairs(folder: Path, scans: PosedScans, plan: WindowPlan, seed: int) -
     Same scans and seed, same pairs. Raises ToolError where the drive is too short.
     """
     random = np.random.default_rng([seed, *scans.building.encode()])
-    windows = draw_windows(scans, plan.a_band, plan.apart, random)
+    windows = draw_windows(scans, plan.a_band, plan.apart, random, plan.tries)
     camera = as_camera(scans, random)
     pairs: list[MapPair] = []
     for number, window in enumerate(windows):

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from itertools import combinations
 from pathlib import Path
 
@@ -18,10 +15,12 @@ from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
 from mapping.map_yaml import MapMode, MapYaml, read_map_yaml
 from tools.errors import ToolError
+from tools.other_buildings import FINISHED, FIRST, BuildingMap, maps_of_pairs, varied_pairs
 from tools.pair_files import MapPair, PairTruth
-from tools.pair_making import WindowPlan, copy_map, window_pairs, write_scale_map
+from tools.pair_making import WindowPlan, copy_map, write_scale_map
 from tools.pair_overlap import common_free, common_wall_m, wall_line
-from tools.real_maps import HALMSTAD_M_PER_PX, LOG_REACH_M, halmstad_points, read_corrected_log, read_text_grid
+from tools.real_maps import HALMSTAD_M_PER_PX, LOG_REACH_M, halmstad_points, read_text_grid
+from tools.recorded_pairs import Drive, drive_pairs
 
 FloatArray = NDArray[np.float64]
 ORIGIN = "corrected CARMEN logs (ple), Halmstad tablet maps, and finished maps; see the licences of each data set"
@@ -41,16 +40,6 @@ _FINISHED = {
 _CORRIDORS = ("maps_carpin_merced/LongCorridor1.txt", "maps_carpin_merced/LongCorridor2.txt")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BuildingMap:
-    """A map of a building: kind is that of the pairs in which it is the second, "finished" where it has none."""
-
-    building: str
-    path: Path
-    kind: str
-    resolution_m: float
-
-
 def public_pairs(folder: Path, data: Path, seed: int, jobs: int, on_progress: Callable[[str], None]) -> list[MapPair]:
     """Write the whole set's maps below a folder and return its pairs: same data and seed, same pairs.
 
@@ -60,12 +49,11 @@ def public_pairs(folder: Path, data: Path, seed: int, jobs: int, on_progress: Ca
         raise ToolError(f"{data}: no folder carmen_ple in it: name the folder of the data sets")
     pairs: list[MapPair] = []
     maps: list[BuildingMap] = []
-    work = partial(_log_pairs, folder, data, seed)
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        for building, found in zip(LOG_REACH_M, pool.map(work, LOG_REACH_M), strict=True):
-            pairs += found
-            maps += maps_of_pairs(found)
-            on_progress(f"{building}: {sum(pair.truth is not None for pair in found)} true pairs of {len(found)}")
+    drives = [Drive(data / f"carmen_ple/{building}-corrected.log.gz") for building in LOG_REACH_M]
+    for building, found in drive_pairs(folder, drives, WindowPlan(), seed, jobs):
+        pairs += found
+        maps += maps_of_pairs(found)
+        on_progress(f"{building}: {sum(pair.truth is not None for pair in found)} true pairs of {len(found)}")
     random = np.random.default_rng(seed)
     warped = halmstad_maps(folder, data / "maps_halmstad", random)
     pairs += halmstad_pairs(data / "maps_halmstad", warped)
@@ -73,21 +61,6 @@ def public_pairs(folder: Path, data: Path, seed: int, jobs: int, on_progress: Ca
     others = other_building_pairs(maps, [each for each, _ in warped.values()], finished, random)
     on_progress(f"Halmstad: {len(warped)} maps; {len(others)} pairs of different buildings")
     return pairs + others
-
-
-def _log_pairs(folder: Path, data: Path, seed: int, building: str) -> list[MapPair]:
-    scans = read_corrected_log(data / f"carmen_ple/{building}-corrected.log.gz", LOG_REACH_M[building])
-    return window_pairs(folder, scans, WindowPlan(), seed)
-
-
-def maps_of_pairs(pairs: Sequence[MapPair]) -> list[BuildingMap]:
-    """Return the maps of the pairs, each once: the first of a pair as `first`, the second as the pair's kind."""
-    found: dict[Path, BuildingMap] = {}
-    for pair in pairs:
-        for building, path, kind in ((pair.building_a, pair.a, "first"), (pair.building_b, pair.b, pair.kind)):
-            if path not in found:
-                found[path] = BuildingMap(building, path, kind, read_map_yaml(path).resolution_m)
-    return list(found.values())
 
 
 def halmstad_maps(
@@ -140,11 +113,11 @@ def finished_maps(folder: Path, data: Path, random: np.random.Generator) -> list
             settings = read_map_yaml(data / file)
             stem = folder / f"{building}-{Path(file).stem}"
             path = copy_map(stem, settings.image, settings, random.uniform(-_SHIFT_M, _SHIFT_M, 2))
-            found.append(BuildingMap(building, path, "finished", settings.resolution_m))
+            found.append(BuildingMap(building, path, FINISHED, settings.resolution_m))
     for file in _CORRIDORS:
         grid = read_text_grid(data / file, _CORRIDOR_M_PER_PX)
         path = write_scale_map(folder / f"merced-{Path(file).stem}", _shifted(grid, random))
-        found.append(BuildingMap("merced", path, "finished", _CORRIDOR_M_PER_PX))
+        found.append(BuildingMap("merced", path, FINISHED, _CORRIDOR_M_PER_PX))
     return found
 
 
@@ -161,7 +134,7 @@ def other_building_pairs(
     random: np.random.Generator,
 ) -> list[MapPair]:
     """Return wrong pairs of different buildings: of drives, 45 in each kind, of tablet maps, and of finished maps."""
-    firsts = [each for each in drives if each.kind == "first"]
+    firsts = [each for each in drives if each.kind == FIRST]
     coarse = {kind: [each for each in drives if each.kind == kind] for kind in ("lidar", "resolution", "camera")}
     fine = [each for each in firsts if each.resolution_m < 0.045]
     equal = [each for each in firsts if each.resolution_m >= 0.045]
@@ -178,42 +151,6 @@ def other_building_pairs(
     taken: set[frozenset[Path]] = set()
     pairs: list[MapPair] = []
     for first, second, count in groups:
-        for pair in _varied(first, second, count, random, taken):
+        for pair in varied_pairs(first, second, count, random, taken):
             pairs.append(replace(pair, name=f"other-{len(pairs):03d}-{pair.name}"))
     return pairs
-
-
-def _varied(
-    first: Sequence[BuildingMap],
-    second: Sequence[BuildingMap],
-    count: int,
-    random: np.random.Generator,
-    taken: set[frozenset[Path]],
-) -> Iterator[MapPair]:
-    """Yield pairs of different buildings, every two buildings in turn, with random maps of each; none twice."""
-    buildings = sorted({(a.building, b.building) for a in first for b in second if a.building != b.building})
-    order = [buildings[index] for index in random.permutation(len(buildings))]
-    found = tried = 0
-    while found < count and order and tried < 50 * count:
-        building_a, building_b = order[tried % len(order)]
-        tried += 1
-        a, b = (
-            chosen[int(random.integers(len(chosen)))]
-            for chosen in (
-                [each for each in first if each.building == building_a],
-                [each for each in second if each.building == building_b],
-            )
-        )
-        if frozenset((a.path, b.path)) in taken:
-            continue
-        taken.add(frozenset((a.path, b.path)))
-        found += 1
-        yield MapPair(f"{a.path.stem}-{b.path.stem}", a.path, b.path, building_a, building_b, _kind(a, b))
-
-
-def _kind(a: BuildingMap, b: BuildingMap) -> str:
-    for kind in ("warped", "camera"):
-        if kind in {a.kind, b.kind}:
-            return kind
-    ratio = max(a.resolution_m, b.resolution_m) / min(a.resolution_m, b.resolution_m)
-    return "resolution" if ratio > 1.5 else "lidar"

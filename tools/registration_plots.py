@@ -14,7 +14,7 @@ from tools.results import Report
 _GROUPS = (
     ("by_band", "free space in common, lidar"),
     ("by_kind", "kind of the pair"),
-    ("by_common_wall", "wall in common, lidar and camera"),
+    ("by_common_wall", "wall in common, warped maps apart"),
     ("by_building", "building"),
 )
 _ALIGNED, _MERGED, _WRONG = "#a9c8e6", "#1f6fb4", "#c81e1e"
@@ -34,7 +34,8 @@ def draw_success(file: Path, report: Report) -> None:
         _draw_bars(axis, report[key])
         axis.set_title(title, fontsize=11)
     axes[0, 0].set_ylabel("share of the true pairs")
-    axes[0, 0].legend(loc="lower left", fontsize=8)
+    if shown:
+        axes[0, 0].legend(loc="lower left", fontsize=8)
     false, true = report["false_merges"]["all"], report["true_pairs"]
     figure.suptitle(
         f"registration: {true['aligned']} of {true['pairs']} true pairs aligned; accepted wrongly: "

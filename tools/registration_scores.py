@@ -25,9 +25,7 @@ def summary_of(rows: Rows) -> Report:
         "true_pairs": _success(true),
         "by_band": _grouped([row for row in true if row["kind"] == "lidar"], BANDS, lambda row: row["band"]),
         "by_kind": _grouped(true, KINDS, lambda row: row["kind"]),
-        "by_common_wall": _grouped(
-            [row for row in true if row["kind"] in ("lidar", "camera")], _wall_names(), _wall_of
-        ),
+        "by_common_wall": _grouped([row for row in true if row["kind"] != "warped"], _wall_names(), _wall_of),
         "by_building": _grouped(true, sorted({row["building_a"] for row in true}), lambda row: row["building_a"]),
         "false_merges": {
             "same_building": _merges([row for row in wrong if row["building_a"] == row["building_b"]]),
