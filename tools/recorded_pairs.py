@@ -94,9 +94,9 @@ def recorded_pairs(
 def new_pair_folder(folder: Path) -> Iterator[Path]:
     """Give a folder to fill that takes the wanted name when all is done; raises ToolError where that is there."""
     partial_folder = folder.with_name(f"{folder.name}.part")
-    if folder.exists():
-        raise ToolError(f"{folder}: is there already: name a new folder for the pairs")
     with writing_to(folder):
+        if folder.exists():
+            raise ToolError(f"{folder}: is there already: name a new folder for the pairs")
         shutil.rmtree(partial_folder, ignore_errors=True)
         (partial_folder / "maps").mkdir(parents=True)
     try:

@@ -86,6 +86,14 @@ def test_bad_input_is_one_line(log, cli, tmp_path):
         assert not (tmp_path / "pairs.part").exists()
 
 
+def test_a_place_without_room_is_told_before_the_work(log, cli, tmp_path):
+    (tmp_path / "file").write_text("years of work")
+    for place in (tmp_path / "file/below", tmp_path / ("x" * 300), tmp_path / "file"):
+        outcome = cli("pairs", log, "-o", place)
+        assert (outcome.code, len(outcome.error_lines)) == (1, 1), outcome.err
+    assert (tmp_path / "file").read_text() == "years of work"
+
+
 def test_a_folder_takes_its_name_when_it_is_done(tmp_path):
     with pytest.raises(OSError, match="no-folder"), new_pair_folder(tmp_path / "x") as folder:
         (folder / "no-folder/a").write_text("a")
