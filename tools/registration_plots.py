@@ -80,6 +80,7 @@ def draw_scores(file: Path, report: Report, rows: Sequence[Report]) -> None:
             values = [row[key] or 0.0 for row in mine if row["accepted"] is accepted]
             axis.hist(values, edges, color=color, alpha=alpha, label="accepted" if accepted else "refused")
         axis.set_yscale("symlog", linthresh=10)
+        axis.yaxis.set_major_formatter("{x:g}")
         axis.set_ylabel("pairs")
         axis.set_title(f"{name}: {len(mine)}", fontsize=10)
         axis.legend(loc="upper center", fontsize=8)
