@@ -25,12 +25,13 @@ from tools.commands import (
     emulate,
     evaluate,
     evaluate_features,
-    evaluate_maps,
     evaluate_plans,
     evaluate_rates,
+    evaluate_registration,
     evaluate_relocalisation,
     evaluate_robustness,
     fuse,
+    pairs,
     plan,
     record,
     replay,
@@ -54,6 +55,7 @@ app.command("record")(record.record)
 app.command("align")(align.align)
 app.command("fuse")(fuse.fuse)
 app.command("plan")(plan.plan)
+app.command("pairs")(pairs.pairs)
 app.command("demo")(demo.demo)
 app.add_typer(bench.app, name="bench")
 bench.app.command("slam")(bench_slam.slam)
@@ -61,9 +63,9 @@ app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
 evaluate.app.command("features")(evaluate_features.features)
-evaluate.app.command("maps")(evaluate_maps.maps)
 evaluate.app.command("plans")(evaluate_plans.plans)
 evaluate.app.command("robustness")(evaluate_robustness.robustness)
+evaluate.app.command("registration")(evaluate_registration.registration)
 evaluate.app.command("rates")(evaluate_rates.rates)
 evaluate.app.command("relocalisation")(evaluate_relocalisation.relocalisation)
 app.add_typer(config.app, name="config")

@@ -46,7 +46,7 @@ def draw_mission(file: Path, picture: MissionPicture) -> None:
 
     Raises ToolError without matplotlib.
     """
-    plt = _pyplot()
+    plt = pyplot()
     figure, (local, fused) = plt.subplots(1, 2, figsize=(17, 8.5), layout="constrained", sharex=True, sharey=True)
     _draw_overlay(local, picture)
     for number, color in enumerate(_COLORS):
@@ -136,7 +136,7 @@ def draw_rate_maps(file: Path, maps: Sequence[RateMap], title: str) -> None:
 
     Failed ones are framed in red and say why. Raises ToolError without matplotlib.
     """
-    plt = _pyplot()
+    plt = pyplot()
     rates, resolutions = _axes_of(maps)
     height, width = (max(each.map_size[axis] / each.cells_per_meter for each in maps) for axis in (0, 1))
     tile_height = 3.4 * min(max(height / width, 0.35), 1.6)
@@ -159,7 +159,7 @@ def draw_real_time_factors(file: Path, maps: Sequence[RateMap], title: str) -> N
 
     Raises ToolError without matplotlib.
     """
-    plt = _pyplot()
+    plt = pyplot()
     rates, resolutions = _axes_of(maps)
     figure, axes = plt.subplots(figsize=(8.5, 5.2), layout="constrained")
     for number, scan_every in enumerate(rates):
@@ -188,7 +188,7 @@ def draw_inliers(file: Path, trials: Sequence[FeatureTrial], title: str) -> None
 
     Raises ToolError without matplotlib.
     """
-    plt = _pyplot()
+    plt = pyplot()
     figure, axes = plt.subplots(figsize=(9, 6), layout="constrained")
     for features in dict.fromkeys(trial.features for trial in trials):
         own = [trial for trial in trials if trial.features == features]
@@ -199,7 +199,7 @@ def draw_inliers(file: Path, trials: Sequence[FeatureTrial], title: str) -> None
     plt.close(figure)
 
 
-def _pyplot() -> Any:
+def pyplot() -> Any:
     """Return matplotlib's pyplot, drawing to files; raise ToolError where it is not installed."""
     try:
         import matplotlib as mpl

@@ -12,9 +12,12 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from mapping.raycast import cast_rays
 from tools.cli import main
+from tools.log_windows import PosedScans
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,3 +97,26 @@ def _finish(process: subprocess.Popen[str]) -> None:
     if process.poll() is None:
         process.kill()
     process.communicate()
+
+
+@pytest.fixture(scope="session")
+def corridor_drive() -> PosedScans:
+    """A drive of 178 m in a building of its own: a corridor with niches, up and down, a scan each 0.75 m."""
+    random = np.random.default_rng(5)
+    occupied = np.ones((160, 1010), np.bool_)  # 0.1 m a cell
+    occupied[60:85, 10:1000] = False
+    for left in range(20, 970, 40):
+        width, depth = random.integers(10, 25), random.integers(10, 40)
+        side = slice(85, 85 + depth) if random.random() < 0.5 else slice(60 - depth, 60)
+        occupied[side, left : left + width] = False
+    way = np.concatenate([np.arange(5.0, 94.25, 0.75), np.arange(94.25, 5.0, -0.75)])
+    heading = np.repeat([0.0, np.pi], len(way) // 2)
+    poses = np.column_stack([way, np.full(len(way), 7.2), heading])
+    beams = np.linspace(-np.pi / 2.0, np.pi / 2.0, 181)
+    directions = np.column_stack([np.cos(beams), np.sin(beams)])
+    points = []
+    for x, y, yaw in poses.tolist():
+        starts = np.tile([x / 0.1, y / 0.1], (len(beams), 1))
+        ranges = cast_rays(occupied, starts, beams + yaw, 1000.0) * 0.1
+        points.append(directions * (ranges + random.normal(0.0, 0.005, len(ranges)))[:, np.newaxis])
+    return PosedScans("corridor", poses, tuple(points), 15.0)

@@ -357,7 +357,7 @@ def test_where_results_cannot_go_is_told_before_the_lidar_is_touched(command, cl
         ("bag", "info"),
         ("bag", "check"),
         ("evaluate", "plans"),
-        ("evaluate", "maps", "--data"),
+        ("evaluate", "registration"),
         ("emulate", "lidar", "--link"),
         ("plan", "--start", "0", "0", "0", "--goal", "0", "0", "0"),
         ("demo", "-o"),

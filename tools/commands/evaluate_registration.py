@@ -1,0 +1,90 @@
+"""`mapfuse-robot evaluate registration`: registration on a list of map pairs."""
+
+from __future__ import annotations
+
+import json
+import logging
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tools.commands.options import Json, PresetName, Seed, print_json
+
+log = logging.getLogger(__name__)
+
+
+def registration(
+    pairs: Annotated[Path, typer.Argument(metavar="PAIRS", help="Folder with a pairs.json, as `pairs` writes.")],
+    method: Annotated[
+        PresetName, typer.Option("--method", help="The registration's default, or the thesis's Algorithm 3.")
+    ] = PresetName.default,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WORDS",
+            help="Only these pairs: words with / between, such as lidar/low, camera, true, wrong/same, F5. Repeatable.",
+        ),
+    ] = None,
+    sample: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="A random sample of so many of them. [default: all]")
+    ] = None,
+    seed: Seed = 0,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 1,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Folder for rows.jsonl, report.json and plots."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Register every pair of a list and compare with the truth: success, wrong merges, calibration, accuracy, time.
+
+    A pair is aligned when the best hypothesis is right, be it accepted or refused. Pairs of different places have no
+    right pose: accepting one is a false merge.
+    """
+    from contextlib import ExitStack
+    from functools import partial
+
+    from tools.registration_evaluation import chosen_pairs, evaluate_registration, register_by
+    from tools.registration_scores import failure_lines, table_of
+    from tools.results import Report, check_run_folder, new_run_folder, writing_to
+
+    if output is not None:
+        check_run_folder(output)
+    chosen = chosen_pairs(pairs, only or [], sample, seed)
+    with ExitStack() as open_files:
+        rows_file = None
+        if output is not None:
+            with writing_to(output):
+                rows_file = open_files.enter_context(
+                    (new_run_folder(output) / "rows.jsonl").open("w", encoding="utf-8")
+                )
+
+        def on_row(row: Report) -> None:
+            verdict = f"{'right' if row['aligned'] else 'wrong'}, {'accepted' if row['accepted'] else 'refused'}"
+            log.info("%s: %s (%s)", row["pair"], verdict, row["reason"])
+            if rows_file is not None:
+                rows_file.write(json.dumps(row) + "\n")
+                rows_file.flush()
+
+        report = evaluate_registration(pairs, partial(register_by, method.value), chosen, seed, jobs, on_row)
+    report = {"method": method.value, "only": only or [], **report}
+    if output is not None:
+        _save(output, report)
+    if as_json:
+        print_json(report)
+        return
+    for line in (*table_of(report), "", *failure_lines(report)):
+        typer.echo(line)
+
+
+def _save(folder: Path, report: dict[str, Any]) -> None:
+    from tools.registration_plots import draw_reliability, draw_scores, draw_success
+    from tools.results import writing_to
+
+    with writing_to(folder):
+        summary = {key: value for key, value in report.items() if key != "rows"}
+        (folder / "report.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        draw_success(folder / "success.png", report)
+        draw_reliability(folder / "reliability.png", report)
+        draw_scores(folder / "scores.png", report, report["rows"])
