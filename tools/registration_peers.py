@@ -13,7 +13,6 @@ from typing import Literal
 
 import cv2
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from fusion.free_space import rescale
@@ -113,7 +112,8 @@ def _polar_spectrum(picture: Image) -> Image:
     Its low frequencies are weakened by the high-pass of Reddy and Chatterji (1 - X)(2 - X), X = cos(pi u) cos(pi v).
     """
     size = len(picture)
-    magnitude = np.abs(scipy.fft.fftshift(scipy.fft.fft2(picture)))
+    spectrum = cv2.dft(picture, flags=cv2.DFT_COMPLEX_OUTPUT)
+    magnitude = np.fft.fftshift(cv2.magnitude(spectrum[..., 0], spectrum[..., 1]))
     cosine = np.cos(np.pi * (np.arange(size) / size - 0.5)).astype(np.float32)
     product = np.outer(cosine, cosine)
     high = magnitude * (1.0 - product) * (2.0 - product)
@@ -124,8 +124,8 @@ def _polar_spectrum(picture: Image) -> Image:
 
 def _half_turn(fixed: Image, moving: Image) -> float:
     """Return the angle in [0, pi) by which moving must turn: phase correlation of polar spectra along the angle."""
-    product = (scipy.fft.fft(fixed, axis=0) * np.conj(scipy.fft.fft(moving, axis=0))).sum(axis=1)
-    correlation = scipy.fft.ifft(product / (np.abs(product) + 1e-9)).real
+    product = (np.fft.fft(fixed, axis=0) * np.conj(np.fft.fft(moving, axis=0))).sum(axis=1)
+    correlation = np.fft.ifft(product / (np.abs(product) + 1e-9)).real
     return float(np.argmax(correlation)) * 2.0 * math.pi / _ANGLES
 
 
