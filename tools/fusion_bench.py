@@ -23,6 +23,7 @@ from tools.results import FloatArray, Report
 
 GROUPS = ("low", "mid", "high", "resolution", "camera", "warped")
 WALLS = MappingProxyType({"under 3 m": 3.0, "3-8 m": 8.0, "8-20 m": 20.0, "over 20 m": np.inf})  # upper limits
+_WRONG_SHARE = 0.25
 _THESIS = RegistrationSettings(0.5, 0.8, 3.0, 5000, AcceptanceRule(10, 0.95))
 
 
@@ -124,17 +125,28 @@ def compare_methods(
 
 
 def sample_pairs(pairs: Sequence[MapPair], count: int, seed: int) -> list[MapPair]:
-    """Return up to `count` of the pairs, in their order, each kind, band and wrong pairs in their proportion."""
-    if count >= len(pairs):
-        return list(pairs)
-    shuffled = np.random.default_rng(seed).permutation(len(pairs)).tolist()
-    by_stratum = sorted(shuffled, key=lambda number: _stratum(pairs[number]))
-    evenly = (np.arange(count) * len(pairs) // count).tolist()
-    return [pairs[number] for number in sorted(by_stratum[place] for place in evenly)]
+    """Return up to `count` of the pairs, in their order, each kind and band in its proportion.
+
+    A quarter are wrong pairs, where there are enough of both: what is compared first is how often a pose is found.
+    """
+    wrong = [number for number, pair in enumerate(pairs) if pair.truth is None]
+    true = [number for number, pair in enumerate(pairs) if pair.truth is not None]
+    of_wrong = min(len(wrong), max(round(_WRONG_SHARE * count), count - len(true)))
+    random = np.random.default_rng(seed)
+    drawn = _evenly(pairs, true, count - of_wrong, random) + _evenly(pairs, wrong, of_wrong, random)
+    return [pairs[number] for number in sorted(drawn)]
 
 
-def _stratum(pair: MapPair) -> tuple[bool, str, str, bool]:
-    return pair.truth is None, pair.kind, pair.band or "", pair.building_a == pair.building_b
+def _evenly(pairs: Sequence[MapPair], numbers: Sequence[int], count: int, random: np.random.Generator) -> list[int]:
+    """Return up to `count` of the numbers, drawn at random so that each sort of pair has its share."""
+    shuffled = random.permutation(np.asarray(numbers, dtype=np.intp)).tolist()
+    by_sort = sorted(shuffled, key=lambda number: _sort(pairs[number]))
+    kept = min(count, len(numbers))
+    return [by_sort[place * len(numbers) // kept] for place in range(kept)]
+
+
+def _sort(pair: MapPair) -> tuple[str, str, bool]:
+    return pair.kind, pair.band or "", pair.building_a == pair.building_b
 
 
 def bench_method(name: str, pairs: Sequence[MapPair], seed: int) -> MethodResult:

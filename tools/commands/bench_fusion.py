@@ -18,10 +18,16 @@ def fusion(
         Path, typer.Argument(metavar="PAIRS", help="Folder of a pair list: pairs.json and the maps it names.")
     ],
     sample: Annotated[
-        int, typer.Option(metavar="N", min=1, help="So many of the pairs, each kind in its proportion.")
+        int,
+        typer.Option(
+            metavar="N", min=1, help="So many of the pairs, each kind in its share; a quarter are wrong pairs."
+        ),
     ] = 130,
     methods: Annotated[
-        list[str] | None, typer.Option("--method", metavar="NAME", help="Only these of the methods. [default: all]")
+        list[str] | None,
+        typer.Option(
+            "--method", metavar="NAME", help="Only this method, named as in the table; repeatable. [default: all]"
+        ),
     ] = None,
     seed: Seed = 0,
     output: Annotated[
