@@ -10,14 +10,18 @@ from numpy.typing import NDArray
 from mapping.grid import OccupancyGrid
 
 Layer = NDArray[np.uint8]
+UNKNOWN = 128  # p(free) = 0.5 in the layer of alpha 0
 
 
 def free_layer(grid: OccupancyGrid, alpha: float) -> Layer:
     """Return the probability of free space p(free) = 1 - p (3.2) as an image (rows, cols), 255 for 1.
 
-    Cells below alpha, occupied and unknown ones (3.1) are 0.
+    Cells below alpha, occupied and unknown ones (3.1) are 0. alpha 0 leaves the map as it is (fig. 3.5b), which also
+    shows occupied cells and, as UNKNOWN, unknown ones.
     """
     free = 1.0 - grid.probability
+    if alpha == 0.0:
+        return np.where(grid.known, np.rint(255.0 * free), UNKNOWN).astype(np.uint8)
     layer = np.where(grid.known & (free >= alpha), np.rint(255.0 * free), 0.0)
     return layer.astype(np.uint8)
 

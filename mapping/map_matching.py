@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.reference_map import FAR_M, UNKNOWN, WALL, Distances, ReferenceMap, States
+from mapping.wall_map import FAR_M, UNKNOWN, WALL, Distances, States, WallMap
 
 FloatArray = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class Evidence:
 
 
 def refine(
-    reference: ReferenceMap,
+    walls: WallMap,
     points: FloatArray,
     pose: FloatArray,
     *,
@@ -81,28 +81,22 @@ def refine(
     information with which `pose` itself holds.
     """
     held = np.zeros((3, 3)) if prior is None else prior
-    found = np.array(pose, dtype=np.float64)
-    for scale_m in scales_m:
-        matrix, gradient, _ = _normal_equations(reference, points, found, scale_m)
-        away = np.array([*(found[:2] - pose[:2]), se2.wrap_angle(found[2] - pose[2])])
-        matrix = matrix + held
-        damping = np.diag(1e-6 + 1e-3 * np.diag(matrix))
-        step = np.linalg.solve(matrix + damping, gradient + held @ away)
-        shorten = min(1.0, _STEP_M / max(np.hypot(*step[:2]), 1e-12), _STEP_RAD / max(abs(step[2]), 1e-12))
-        found = found - shorten * step
-    matrix, _, hits = _normal_equations(reference, points, found, scales_m[-1])
+    scales = np.array(scales_m, dtype=np.float64)
+    start = np.array(pose, dtype=np.float64)
+    found, matrix, hits = _gauss_newton(walls.distances, walls.resolution_m, points, start, scales, held)
     found[2] = se2.wrap_angle(found[2])
-    return Fit(found, matrix + held, hits / max(len(points), 1), len(points))
+    return Fit(found, matrix, hits / max(len(points), 1), len(points))
 
 
-def _normal_equations(
-    reference: ReferenceMap, points: FloatArray, pose: FloatArray, scale_m: float
-) -> tuple[FloatArray, FloatArray, int]:
-    """Return the matrix (3, 3) and gradient (3,) of the robust squared distances, and how many points are on walls."""
-    matrix, gradient = np.zeros((3, 3)), np.zeros(3)
-    hits = _accumulate(reference.distances, reference.resolution_m, points, pose, scale_m, matrix, gradient)
-    weight = 1.0 / (_DEPENDENT * _RANGE_M**2)
-    return weight * matrix, weight * gradient, hits
+def refine_each(
+    walls: WallMap, points: FloatArray, poses: FloatArray, scales_m: tuple[float, ...]
+) -> FloatArray:
+    """Return the poses (K, 3) that `refine` reaches from each of poses (K, 3); angles are not wrapped.
+
+    The points (N, 2) should lie about the origin of their frame: a step turns about it.
+    """
+    scales = np.array(scales_m, dtype=np.float64)
+    return _refine_each(walls.distances, walls.resolution_m, points, np.ascontiguousarray(poses), scales)
 
 
 def structure(fit: Fit) -> float:
@@ -135,11 +129,11 @@ def _spread(fit: Fit) -> tuple[float, float]:
     return float(values[0]), float(values.sum())
 
 
-def judge(reference: ReferenceMap, points: FloatArray, origins: FloatArray, pose: FloatArray) -> Evidence:
+def judge(walls: WallMap, points: FloatArray, origins: FloatArray, pose: FloatArray) -> Evidence:
     """Count what speaks for and against a pose (3,) in the grid's frame: points (N, 2) seen from origins (N, 2)."""
-    ends = se2.transform_points(pose, points) / reference.resolution_m
-    starts = se2.transform_points(pose, origins) / reference.resolution_m
-    counts = _count(reference.distances, reference.states, reference.resolution_m, starts, ends)
+    ends = se2.transform_points(pose, points) / walls.resolution_m
+    starts = se2.transform_points(pose, origins) / walls.resolution_m
+    counts = _count(walls.distances, walls.states, walls.resolution_m, starts, ends)
     return Evidence(len(points), *counts.tolist())
 
 
@@ -155,6 +149,52 @@ def _distance_at(distances: Distances, x: float, y: float) -> tuple[float, float
     c, d = distances[row + 1, col], distances[row + 1, col + 1]
     low, high = a + u * (b - a), c + u * (d - c)
     return low + v * (high - low), (1.0 - v) * (b - a) + v * (d - c), high - low
+
+
+@njit(cache=True, nogil=True)
+def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return the solution (3,) of a symmetric positive definite system, by Cramer's rule."""
+    a, b, c = matrix[0, 0], matrix[0, 1], matrix[0, 2]
+    d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
+    i, j, k = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * i + b * j + c * k
+    l, m, n = a * f - c * c, b * c - a * e, a * d - b * b  # noqa: E741
+    x, y, z = vector[0], vector[1], vector[2]
+    solution = np.zeros(3)
+    solution[0] = (i * x + j * y + k * z) / determinant
+    solution[1] = (j * x + l * y + m * z) / determinant
+    solution[2] = (k * x + m * y + n * z) / determinant
+    return solution
+
+
+@njit(cache=True, nogil=True)
+def _gauss_newton(
+    distances: Distances,
+    resolution_m: float,
+    points: FloatArray,
+    start: FloatArray,
+    scales_m: FloatArray,
+    held: FloatArray,
+) -> tuple[FloatArray, FloatArray, int]:
+    """Return the pose (3,), its information (3, 3) and the number of points on walls, after a step at each scale."""
+    found = start.copy()
+    weight = 1.0 / (_DEPENDENT * _RANGE_M**2)
+    matrix, gradient = np.zeros((3, 3)), np.zeros(3)
+    for scale_m in scales_m:
+        matrix[:], gradient[:] = 0.0, 0.0
+        _accumulate(distances, resolution_m, points, found, scale_m, matrix, gradient)
+        away = found - start
+        away[2] = (away[2] + math.pi) % (2.0 * math.pi) - math.pi
+        damped = weight * matrix + held
+        slope = weight * gradient + held @ away
+        for i in range(3):
+            damped[i, i] += 1e-6 + 1e-3 * damped[i, i]
+        step = _solve(damped, slope)
+        moved, turned = max(math.hypot(step[0], step[1]), 1e-12), max(abs(step[2]), 1e-12)
+        found -= min(1.0, _STEP_M / moved, _STEP_RAD / turned) * step
+    matrix[:], gradient[:] = 0.0, 0.0
+    hits = _accumulate(distances, resolution_m, points, found, scales_m[-1], matrix, gradient)
+    return found, weight * matrix + held, hits
 
 
 @njit(cache=True, nogil=True)
@@ -184,6 +224,17 @@ def _accumulate(
             for j in range(3):
                 matrix[i, j] += robust * jacobian[i] * jacobian[j]
     return hits
+
+
+@njit(cache=True, nogil=True)
+def _refine_each(
+    distances: Distances, resolution_m: float, points: FloatArray, poses: FloatArray, scales_m: FloatArray
+) -> FloatArray:
+    refined = np.empty_like(poses)
+    held = np.zeros((3, 3))
+    for k in range(poses.shape[0]):
+        refined[k] = _gauss_newton(distances, resolution_m, points, poses[k], scales_m, held)[0]
+    return refined
 
 
 @njit(cache=True, nogil=True)

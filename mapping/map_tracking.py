@@ -65,8 +65,8 @@ class MapTracker:
         self._map = reference
         self._settings = settings
         self._sensor = np.array(sensor, dtype=np.float64)
-        self._pose = se2.compose(se2.inverse(reference.T_map_grid), found.T_map_base)  # in the grid's frame
-        self._covariance = _turned(found.covariance, -reference.T_map_grid[2])
+        self._pose = se2.compose(se2.inverse(reference.walls.T_map_grid), found.T_map_base)  # in the grid's frame
+        self._covariance = _turned(found.covariance, -reference.walls.T_map_grid[2])
         self._T_odom_base = se2.compose(se2.inverse(found.T_map_odom), found.T_map_base)
         self._unseen = np.zeros(2)  # metres and radians since a scan fitted
         self._moved = np.zeros(2)  # and since one was tried
@@ -86,13 +86,13 @@ class MapTracker:
         step = -(-len(points_body) // _MOST_POINTS) if len(points_body) else 1
         points = np.ascontiguousarray(points_body[::step], dtype=np.float64)
         fit = refine(
-            self._map,
+            self._map.walls,
             points,
             self._pose,
             scales_m=_SCALES_M,
             prior=np.asarray(np.linalg.inv(self._covariance), dtype=np.float64),
         )
-        evidence = judge(self._map, points, np.broadcast_to(self._sensor, points.shape).copy(), fit.pose)
+        evidence = judge(self._map.walls, points, np.broadcast_to(self._sensor, points.shape).copy(), fit.pose)
         objection = self._objection(fit.pose, evidence.known, evidence.hit_share, evidence.contradiction)
         if objection is None:
             self._pose = fit.pose
@@ -110,10 +110,10 @@ class MapTracker:
 
     def _place(self, stamp_ns: int) -> Located:
         """Return the present pose in the map's frame."""
-        T_map_base = se2.compose(self._map.T_map_grid, self._pose)
+        T_map_base = se2.compose(self._map.walls.T_map_grid, self._pose)
         T_map_odom = se2.compose(T_map_base, se2.inverse(self._T_odom_base))
         floor = np.diag([self._settings.floor_m, self._settings.floor_m, self._settings.floor_rad]) ** 2
-        covariance = _turned(self._covariance, self._map.T_map_grid[2]) + floor
+        covariance = _turned(self._covariance, self._map.walls.T_map_grid[2]) + floor
         score, by_odometry = self._last
         return Located(
             stamp_ns,

@@ -152,7 +152,7 @@ class Relocaliser:
             self.reason = f"seen once, to be confirmed {self._settings.confirm_m:g} m on: {why}"
             return None
         new = seen.driven_m > found_before
-        fresh = judge(self._map, seen.points[new], seen.origins[new], best.fit.pose)
+        fresh = judge(self._map.walls, seen.points[new], seen.origins[new], best.fit.pose)
         if fresh.known < self._settings.min_new or not self._fits(fresh):
             self.reason = f"what was seen since does not confirm it: {_in_words(fresh)}"
             return None
@@ -207,9 +207,9 @@ class Relocaliser:
 
     def _located(self, stamp_ns: int, place: Place, T_odom_base: FloatArray, reason: str) -> Located:
         self.reason = reason
-        T_map_base = se2.compose(self._map.T_map_grid, place.fit.pose)
+        T_map_base = se2.compose(self._map.walls.T_map_grid, place.fit.pose)
         T_map_odom = se2.compose(T_map_base, se2.inverse(T_odom_base))
-        covariance = covariance_of(place.fit, self._map.T_map_grid[2])
+        covariance = covariance_of(place.fit, self._map.walls.T_map_grid[2])
         return Located(stamp_ns, T_map_base, T_map_odom, covariance, place.evidence.hit_share, reason)
 
 
@@ -230,9 +230,9 @@ def find_places(reference: ReferenceMap, seen: Sighting, settings: Relocalisatio
     chosen = _every_nth(seen.points, _REFINE_POINTS)
     places: list[Place] = []
     for peak in peaks:
-        fit = refine(reference, chosen, peak.pose)
+        fit = refine(reference.walls, chosen, peak.pose)
         if not any(_is_same(fit.pose, place.fit.pose) for place in places):
-            places.append(Place(fit, judge(reference, seen.points, seen.origins, fit.pose)))
+            places.append(Place(fit, judge(reference.walls, seen.points, seen.origins, fit.pose)))
     return sorted(places, key=lambda place: -place.support)
 
 

@@ -19,7 +19,7 @@ ADAPTERS = {
     "mcap": {"drivers.recording_mcap"},
     "ompl": {"planning.planner"},
     "rosbags": {"drivers.ros_codec"},
-    "scipy": {"mapping.pose_graph"},
+    "scipy": {"mapping.layer_correlation", "mapping.pose_graph"},  # its FFT, its sparse solver
     "serial": {"drivers.serial_link"},
 }
 # Each costs a good part of a second: the command that needs one imports it, so that --help answers at once.

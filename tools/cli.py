@@ -25,7 +25,6 @@ from tools.commands import (
     demo,
     emulate,
     evaluate,
-    evaluate_maps,
     evaluate_plans,
     evaluate_rates,
     evaluate_relocalisation,
@@ -61,7 +60,6 @@ bench.app.command("fusion")(bench_fusion.fusion)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
-evaluate.app.command("maps")(evaluate_maps.maps)
 evaluate.app.command("plans")(evaluate_plans.plans)
 evaluate.app.command("robustness")(evaluate_robustness.robustness)
 evaluate.app.command("rates")(evaluate_rates.rates)

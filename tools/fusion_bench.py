@@ -11,8 +11,10 @@ from types import MappingProxyType
 import cv2
 import numpy as np
 
+from fusion.algorithm3 import THESIS, Algorithm3Settings, register_by_features
+from fusion.alignment import Alignment
 from fusion.evaluation import error_at_points
-from fusion.registration import PRESETS, Alignment, RegistrationSettings, register
+from fusion.registration import register
 from fusion.verification import AcceptanceRule
 from mapping.grid import OccupancyGrid
 from tools.errors import UsageError
@@ -24,7 +26,7 @@ from tools.results import FloatArray, Report
 GROUPS = ("low", "mid", "high", "resolution", "camera", "warped")
 WALLS = MappingProxyType({"under 3 m": 3.0, "3-8 m": 8.0, "8-20 m": 20.0, "over 20 m": np.inf})  # upper limits
 _WRONG_SHARE = 0.25
-_THESIS = RegistrationSettings(0.5, 0.8, 3.0, 5000, AcceptanceRule(10, 0.95))
+_WORKING = Algorithm3Settings(0.5, 0.8, 3.0, 5000, AcceptanceRule(10, 0.95))
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,19 +59,20 @@ class MethodResult:
 
 
 def _own_default(a: OccupancyGrid, b: OccupancyGrid, seed: int) -> PeerPose:
-    return _verdict(register(a, b, PRESETS["default"], seed))
+    return _verdict(register(a, b, seed=seed))
 
 
 def _thesis(a: OccupancyGrid, b: OccupancyGrid, seed: int) -> PeerPose:
-    return _verdict(register(a, b, _THESIS, seed))
+    return _verdict(register_by_features(a, b, _WORKING, seed))
 
 
 def _thesis_literal(a: OccupancyGrid, b: OccupancyGrid, seed: int) -> PeerPose:
-    return _verdict(register(a, b, PRESETS["thesis"], seed))
+    return _verdict(register_by_features(a, b, THESIS, seed))
 
 
 def _verdict(alignment: Alignment) -> PeerPose:
-    return PeerPose(alignment.T_a_b, alignment.accepted, alignment.acceptance)
+    confidence = alignment.acceptance if alignment.probability is None else alignment.probability
+    return PeerPose(alignment.T_a_b, alignment.accepted, confidence)
 
 
 def _orb(a: OccupancyGrid, b: OccupancyGrid, seed: int) -> PeerPose:

@@ -13,9 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fusion.alignment import Alignment
 from fusion.certainty import fuse_pair
 from fusion.identity import reference_rank, same_evidence
-from fusion.registration import PRESETS, Alignment, register
+from fusion.registration import Method, register
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map_with_warnings, write_map
@@ -36,7 +37,7 @@ class _Group:
     T_global_map: dict[int, FloatArray]
 
 
-def align_maps(a: Path, b: Path, *, preset: str, seed: int) -> Report:
+def align_maps(a: Path, b: Path, *, preset: Method, seed: int) -> Report:
     """Register two map files; (dx, dy, theta_deg) is the pose of b's map frame in a's. Raises MapFileError."""
     grids = [_load(path) for path in (a, b)]
     alignment, seconds = _timed_register(grids[0], grids[1], preset, seed)
@@ -54,7 +55,7 @@ def align_maps(a: Path, b: Path, *, preset: str, seed: int) -> Report:
     }
 
 
-def fuse_maps(files: Sequence[Path], output: Path | None, *, preset: str, seed: int) -> tuple[Path, Report]:
+def fuse_maps(files: Sequence[Path], output: Path | None, *, preset: Method, seed: int) -> tuple[Path, Report]:
     """Fuse one or two map files into a folder, global_<k>.yaml/.pgm/.npz/.png and report.json; return both.
 
     Maps that do not belong together become a global map each; a map without a known cell is skipped. The order of the
@@ -86,14 +87,14 @@ def _load(path: Path) -> OccupancyGrid:
     return loaded.grid
 
 
-def _timed_register(a: OccupancyGrid, b: OccupancyGrid, preset: str, seed: int) -> tuple[Alignment, float]:
+def _timed_register(a: OccupancyGrid, b: OccupancyGrid, preset: Method, seed: int) -> tuple[Alignment, float]:
     started = time.perf_counter()
-    alignment = register(a, b, PRESETS[preset], seed)
+    alignment = register(a, b, preset, seed)
     return alignment, time.perf_counter() - started
 
 
 def _grouped(
-    files: Sequence[Path], grids: Sequence[OccupancyGrid], usable: Sequence[int], preset: str, seed: int
+    files: Sequence[Path], grids: Sequence[OccupancyGrid], usable: Sequence[int], preset: Method, seed: int
 ) -> tuple[list[_Group], list[Report]]:
     """Return the groups, the one with the best reference first, and the report on each pair."""
     alone = [_Group(grids[number], {number: se2.IDENTITY}) for number in usable]

@@ -1,4 +1,4 @@
-"""Maps and logs of public data sets that are no map_server files, read as grids."""
+"""Maps and logs of public data sets that are no map_server files."""
 
 from __future__ import annotations
 
@@ -6,73 +6,61 @@ import gzip
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.carmen_lines import RANGE_MAX_M, beam_angles
+from drivers.carmen_lines import beam_angles
 from mapping import se2
-from mapping.grid import GridBuilder, OccupancyGrid
+from mapping.grid import OccupancyGrid
 from mapping.metrics import align_points
-from mapping.sensor_models import LidarModel, log_odds
+from mapping.sensor_models import log_odds
 from tools.errors import ToolError
+from tools.log_windows import PosedScans
 
 FloatArray = NDArray[np.float64]
-_SURE = log_odds(0.99)
-_SHORTEST_M = 0.05
-_GATE_PX = 60.0
+LOG_REACH_M = {"belgioioso": 15.0, "csail": 15.0, "edmonton": 25.0, "fhw": 15.0, "freiburg-101": 15.0}
 HALMSTAD_M_PER_PX = {"F5": 0.04, "HIH": 0.02, "KPT4A": 0.02}  # nominal: the data set states none
+_SURE = log_odds(0.99)
+_SHORTEST_M, _NO_RETURN_M = 0.05, 79.0
+_GATE_PX = 60.0
+_LEAST_POINTS = 5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CorrectedLog:
-    """A laser log with the poses of a SLAM result: poses (N, 3), ranges (N, beams) in m, travelled (N,) in m."""
-
-    poses: FloatArray
-    ranges_m: FloatArray
-    travelled_m: FloatArray
-
-
-def read_corrected_log(path: Path) -> CorrectedLog:
-    """Read the FLASER lines of a gzipped CARMEN log: readings, then the corrected pose; raises ToolError."""
-    rows = []
+def read_corrected_log(path: Path, reach_m: float) -> PosedScans:
+    """Read the FLASER lines of a CARMEN log, gzipped or not: readings, then the corrected pose; raises ToolError."""
+    building = path.name.split(".", maxsplit=1)[0].removesuffix("-corrected")
+    opener = gzip.open if path.suffix == ".gz" else open
+    poses, points = [], []
     try:
-        with gzip.open(path, "rt", encoding="ascii", errors="replace") as lines:
+        with opener(path, "rt", encoding="ascii", errors="replace") as lines:
             for line in lines:
                 fields = line.split()
-                if fields and fields[0] == "FLASER":
-                    rows.append([float(field) for field in fields[2 : int(fields[1]) + 5]])
-        values = np.array(rows, dtype=np.float64)
-        poses, ranges = values[:, -3:], values[:, :-3]
+                if not fields or fields[0] != "FLASER":
+                    continue
+                count = int(fields[1])
+                values = np.array(fields[2 : count + 5], dtype=np.float64)
+                if len(values) != count + 3:
+                    raise ValueError(f"{len(values)} numbers for {count} readings and a pose")
+                ranges, angles = values[:count], beam_angles(count)
+                valid = (ranges >= _SHORTEST_M) & (ranges < _NO_RETURN_M)
+                poses.append(values[count:])
+                points.append((ranges * np.array([np.cos(angles), np.sin(angles)])).T[valid])
     except (OSError, EOFError, ValueError, IndexError) as error:
         raise ToolError(f"{path}: not a corrected CARMEN log: {error}") from error
-    steps = np.hypot(*np.diff(poses[:, :2], axis=0, prepend=poses[:1, :2]).T)
-    return CorrectedLog(poses, ranges, np.cumsum(steps))
+    if not poses:
+        raise ToolError(f"{path}: no FLASER line in it: give a CARMEN log with corrected poses")
+    return PosedScans(building, np.array(poses), tuple(points), reach_m)
 
 
-def map_of(
-    log: CorrectedLog, scans: NDArray[np.intp], resolution_m: float, max_range_m: float, T_map_log: FloatArray
-) -> OccupancyGrid:
-    """Return the grid of some scans, drawn in a frame in which the log's frame has the pose T_map_log (3,)."""
-    builder = GridBuilder(resolution_m, LidarModel(max_range_m=max_range_m))
-    angles = beam_angles(log.ranges_m.shape[1])
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    for number in scans:
-        ranges = log.ranges_m[number]
-        valid = (ranges > _SHORTEST_M) & (ranges < RANGE_MAX_M - 1.0)
-        pose = se2.compose(T_map_log, log.poses[number])
-        builder.add_scan(pose[:2], se2.transform_points(pose, directions[valid] * ranges[valid, np.newaxis]))
-    return builder.grid()
-
-
-def read_picture_map(path: Path, resolution_m: float) -> OccupancyGrid:
-    """Read a picture of 0 occupied, 255 free, others unknown, without YAML; y up from its lower edge. ToolError."""
-    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if image is None:
-        raise ToolError(f"{path}: not a readable picture: check the data folder")
-    upright = np.flipud(image)
-    cells = np.select([upright == 0, upright == 255], [_SURE, -_SURE], 0.0)
-    return OccupancyGrid(cells.astype(np.float32), resolution_m, np.zeros(3))
+def read_text_grid(path: Path, resolution_m: float) -> OccupancyGrid:
+    """Read a table of 0 occupied, 255 free, others unknown, top row first; y up from its lower edge. ToolError."""
+    try:
+        cells = np.loadtxt(path, ndmin=2)
+    except (OSError, ValueError) as error:
+        raise ToolError(f"{path}: not a table of numbers: {error}") from error
+    upright = np.flipud(cells)
+    log_odds_of = np.select([upright == 0, upright == 255], [_SURE, -_SURE], 0.0)
+    return OccupancyGrid(log_odds_of.astype(np.float32), resolution_m, np.zeros(3))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,8 +92,27 @@ def halmstad_points(folder: Path, a: str, b: str) -> Correspondence:
     nearest = apart.argmin(axis=1)
     mutual = (apart[:, nearest].argmin(axis=0) == np.arange(len(points_a))) & (apart.min(axis=1) < _GATE_PX)
     in_a, in_b = points_a[mutual] * resolution_m, points_b[nearest[mutual]] * resolution_m
-    if len(in_a) < 5:
-        raise ToolError(f"{folder}: {a} and {b} share {len(in_a)} annotated points, 5 are needed")
+    if len(in_a) < _LEAST_POINTS:
+        raise ToolError(f"{folder}: {a} and {b} share {len(in_a)} annotated points, {_LEAST_POINTS} are needed")
+    return rigid_fit(in_a, in_b, _GATE_PX * resolution_m)
+
+
+def rigid_fit(points_a: FloatArray, points_b: FloatArray, gate_m: float) -> Correspondence:
+    """Return the rigid motion of associated points (N, 2), some of them mislabelled, and the points within the gate.
+
+    Fitted on every two points; the fit with the least median distance is kept, and fitted again on all points that it
+    brings within the gate.
+    """
+    first, second = np.triu_indices(len(points_a), 1)
+    turns = [np.arctan2(*(points[second] - points[first]).T[::-1]) for points in (points_a, points_b)]
+    yaw = turns[0] - turns[1]
+    middle_a, middle_b = ((points[first] + points[second]) / 2.0 for points in (points_a, points_b))
+    turned = se2.transform_points(np.column_stack([np.zeros((len(yaw), 2)), yaw]), middle_b)
+    fits = np.column_stack([middle_a - turned, yaw])
+    apart = [np.hypot(*(se2.transform_points(fit, points_b) - points_a).T) for fit in fits]
+    best = int(np.argmin(np.median(apart, axis=1)))
+    kept = apart[best] < gate_m
+    in_a, in_b = points_a[kept], points_b[kept]
     T_a_b = align_points(in_a, in_b)
     residual = np.sqrt(((se2.transform_points(T_a_b, in_b) - in_a) ** 2).sum(axis=1).mean())
     return Correspondence(in_a, in_b, T_a_b, float(residual))

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.map_tracking import MapTracker, TrackingSettings
-from mapping.reference_map import UNKNOWN, ReferenceMap, reference_map
+from mapping.reference_map import ReferenceMap, reference_map
 from mapping.relocalisation import Located, RelocalisationSettings, Relocaliser
 from mapping.sensor_models import LidarModel
+from mapping.wall_map import UNKNOWN
 from tools.driven_log import DrivenLog, odometry_from
 from tools.errors import ToolError
 from tools.results import Report
@@ -143,11 +144,13 @@ def _scans_of(log: DrivenLog, part: MapPart) -> NDArray[np.int64]:
 
 def _known_share(log: DrivenLog, reference: ReferenceMap, number: int) -> float:
     """Return the share of a scan's points that fall on known cells."""
-    pose = se2.compose(se2.inverse(reference.T_map_grid), log.poses[number])
-    col, row = np.floor(se2.transform_points(pose, log.points[number]) / reference.resolution_m).astype(np.int64).T
-    rows, cols = reference.states.shape
+    pose = se2.compose(se2.inverse(reference.walls.T_map_grid), log.poses[number])
+    col, row = (
+        np.floor(se2.transform_points(pose, log.points[number]) / reference.walls.resolution_m).astype(np.int64).T
+    )
+    rows, cols = reference.walls.states.shape
     inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
-    known = reference.states[row[inside], col[inside]] != UNKNOWN
+    known = reference.walls.states[row[inside], col[inside]] != UNKNOWN
     return float(np.count_nonzero(known)) / max(len(col), 1)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fusion.free_space import free_layer, rescale
+from fusion.free_space import UNKNOWN, free_layer, rescale
 from mapping.grid import LOG_ODDS_CLAMP, OccupancyGrid
 from mapping.sensor_models import log_odds
 
@@ -15,6 +15,11 @@ def test_unknown_occupied_and_doubtful_cells_are_left_out():
     grid = OccupancyGrid(cells, 0.05, np.zeros(3))
     assert free_layer(grid, 0.5).tolist() == [[0, 0, 153, 250]]
     assert free_layer(grid, 0.95).tolist() == [[0, 0, 0, 250]]
+
+
+def test_alpha_0_is_the_map_itself():
+    cells = np.array([[0.0, log_odds(0.9), log_odds(0.4)]], np.float32)
+    assert free_layer(OccupancyGrid(cells, 0.05, np.zeros(3)), 0.0).tolist() == [[UNKNOWN, 26, 153]]
 
 
 def test_cells_reach_the_alpha_of_the_thesis():

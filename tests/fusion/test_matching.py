@@ -40,3 +40,14 @@ def test_a_descriptor_wanted_twice_goes_to_the_nearest():
 def test_without_a_second_nearest_nothing_matches(count_a, count_b):
     in_a, in_b = match_descriptors(descriptors(count_a, 4), descriptors(count_b, 5), 0.8)
     assert len(in_a) == len(in_b) == 0
+
+
+def test_the_hamming_distance_of_bits_is_their_sum_of_squared_differences():
+    random = np.random.default_rng(6)
+    a = random.integers(0, 256, (200, 32), np.uint8)
+    flips = np.packbits(random.random((150, 256)) < random.uniform(0.0, 0.5, (150, 1)), axis=1)
+    b = a[:150] ^ flips
+    number_a, number_b = (np.unpackbits(each, axis=1).astype(np.float32) for each in (a, b))
+    by_bits, by_numbers = match_descriptors(a, b, 0.6), match_descriptors(number_a, number_b, 0.6)
+    assert 20 < len(by_bits[0]) < 140
+    assert [each.tolist() for each in by_bits] == [each.tolist() for each in by_numbers]

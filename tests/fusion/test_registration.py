@@ -1,17 +1,19 @@
-"""The whole of Algorithm 3 on views of a drawn floor."""
+"""The choice of the method, and what every method shares."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fusion.evaluation import alignment_error
-from fusion.registration import PRESETS, Alignment, FloatArray, register
+from fusion.algorithm3 import THESIS, FloatArray, register_by_features
+from fusion.alignment import Alignment
+from fusion.registration import register
 from mapping import se2
 from mapping.grid import OccupancyGrid
 
-DEFAULT = PRESETS["default"]
-FRAMES = [np.array([3.0, -7.0, 2.1]), np.array([-15.0, 4.0, -0.7]), np.array([0.0, 12.0, np.pi / 2])]
+FRAME = np.array([3.0, -7.0, 2.1])
 
 
 def pose_of(found: Alignment) -> FloatArray:
@@ -20,70 +22,23 @@ def pose_of(found: Alignment) -> FloatArray:
     return found.T_a_b
 
 
-def grid_of(values: list[list[float]]) -> OccupancyGrid:
-    return OccupancyGrid(np.array(values, dtype=np.float32), 0.05, np.zeros(3))
-
-
-@pytest.mark.parametrize("frame", FRAMES)
-@pytest.mark.parametrize(("resolution_a", "resolution_b"), [(0.05, 0.05), (0.04, 0.08)])
-def test_finds_the_pose_of_overlapping_views(view, frame, resolution_a, resolution_b):
-    a = view(0.0, 20.0, np.array([1.0, 2.0, 0.3]), 1, resolution_a)
-    b = view(9.0, 30.0, frame, 2, resolution_b)
-    truth = se2.compose(np.array([1.0, 2.0, 0.3]), se2.inverse(frame))
-    found = register(a, b, DEFAULT)
-    assert found.accepted, found.reason
-    error = alignment_error(a, b, pose_of(found), truth)
-    assert error.rms_m < 0.10
-    assert error.rotation_deg < 1.0
-
-
-def test_exchanging_the_maps_gives_the_inverse_to_the_last_digit(view):
-    a, b = view(0.0, 20.0, np.zeros(3), 1), view(9.0, 30.0, FRAMES[0], 2)
-    there, back = register(a, b, DEFAULT), register(b, a, DEFAULT)
-    assert there.accepted
-    np.testing.assert_allclose(se2.compose(pose_of(there), pose_of(back)), np.zeros(3), atol=1e-12)
-    assert (there.inliers, there.acceptance) == (back.inliers, back.acceptance)
-
-
-def test_same_seed_same_answer(view):
-    a, b = view(0.0, 20.0, np.zeros(3), 1), view(9.0, 30.0, FRAMES[1], 2)
-    assert pose_of(register(a, b, DEFAULT, 5)).tolist() == pose_of(register(a, b, DEFAULT, 5)).tolist()
-
-
-@pytest.mark.parametrize("preset", sorted(PRESETS))
-def test_views_that_share_nothing_are_refused(view, preset):
-    a, b = view(0.0, 13.0, np.zeros(3), 1), view(17.0, 30.0, FRAMES[0], 2)
-    assert not register(a, b, PRESETS[preset]).accepted
-
-
-@pytest.mark.parametrize(
-    ("values", "reason"),
-    [
-        ([[0.0, 0.0], [0.0, 0.0]], "no cell that is free"),
-        ([[2.0, 2.0], [2.0, 2.0]], "no cell that is free"),
-        ([[-2.0]], "no motion fits"),
-    ],
-)
-@pytest.mark.parametrize("swap", [False, True])
-def test_maps_that_cannot_be_aligned_are_refused_with_the_reason(view, values, reason, swap):
-    poor, rich = grid_of(values), view(0.0, 20.0, np.zeros(3), 1)
-    found = register(rich, poor, DEFAULT) if swap else register(poor, rich, DEFAULT)
-    assert not found.accepted
-    assert reason in found.reason
-    if "free" in reason:
-        assert ("second" if swap else "first") in found.reason
-
-
-def test_one_cell_maps_are_not_taken_for_one_map():
-    assert not register(grid_of([[-2.0]]), grid_of([[-2.0]]), PRESETS["thesis"]).accepted
-
-
-def test_the_same_map_saved_with_another_origin_is_placed_exactly(view):
+@pytest.mark.parametrize("method", ["default", "thesis"])
+def test_the_same_map_saved_with_another_origin_is_placed_exactly(view, method):
     a = view(0.0, 20.0, np.zeros(3), 1)
-    moved = OccupancyGrid(a.log_odds, a.resolution_m, se2.compose(FRAMES[0], a.origin))
-    np.testing.assert_allclose(pose_of(register(a, moved, DEFAULT)), se2.inverse(FRAMES[0]), atol=1e-9)
+    moved = OccupancyGrid(a.log_odds, a.resolution_m, se2.compose(FRAME, a.origin))
+    np.testing.assert_allclose(pose_of(register(a, moved, method)), se2.inverse(FRAME), atol=1e-9)
 
 
-def test_the_thesis_preset_keeps_the_thesis_values():
-    thesis = PRESETS["thesis"]
-    assert (thesis.alpha, thesis.max_ratio, thesis.tolerance_px, thesis.trials) == (0.99, 0.6, 1.5, 1000)
+@pytest.mark.parametrize("method", ["default", "thesis"])
+def test_exchanging_the_maps_gives_the_inverse(view, method):
+    a, b = view(0.0, 20.0, np.zeros(3), 1), view(6.0, 30.0, FRAME, 2)
+    there, back = register(a, b, method), register(b, a, method)
+    np.testing.assert_allclose(se2.compose(pose_of(there), pose_of(back)), np.zeros(3), atol=1e-12)
+
+
+def test_the_method_of_the_thesis_is_algorithm_3_with_the_settings_given(view):
+    a, b = view(0.0, 20.0, np.zeros(3), 1), view(6.0, 30.0, FRAME, 2)
+    settings = replace(THESIS, alpha=0.7)
+    found, expected = register(a, b, "thesis", 3, settings), register_by_features(a, b, settings, 3)
+    assert pose_of(found).tolist() == pose_of(expected).tolist()
+    assert found.reason == expected.reason

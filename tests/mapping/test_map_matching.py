@@ -6,7 +6,7 @@ import pytest
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_matching import covariance_of, judge, refine, structure
-from mapping.reference_map import FAR_M, FREE, UNKNOWN, WALL, reference_map
+from mapping.wall_map import FAR_M, FREE, UNKNOWN, WALL, wall_map
 
 CELL_M = 0.05
 
@@ -32,7 +32,7 @@ def outline() -> np.ndarray:
 
 
 def test_states_and_distances_follow_the_map():
-    reference = reference_map(box())
+    reference = wall_map(box(), free_below=-0.4)
     assert reference.states[0, 0] == UNKNOWN
     assert reference.states[10, 50] == WALL
     assert reference.states[40, 50] == FREE
@@ -45,7 +45,7 @@ def test_states_and_distances_follow_the_map():
 def test_refinement_reaches_the_pose_below_a_cell(off):
     truth = np.array([2.4, 2.0, 0.3])
     points = se2.transform_points(se2.inverse(truth), outline())
-    fit = refine(reference_map(box()), points, se2.compose(truth, off))
+    fit = refine(wall_map(box(), free_below=-0.4), points, se2.compose(truth, off))
     error = se2.between(truth, fit.pose)
     assert np.abs(error[:2]).max() < 0.01
     assert abs(error[2]) < 0.01
@@ -53,7 +53,7 @@ def test_refinement_reaches_the_pose_below_a_cell(off):
 
 
 def test_evidence_counts_what_points_say():
-    reference = reference_map(box())
+    reference = wall_map(box(), free_below=-0.4)
     start = np.array([2.5, 2.0])
     ends = np.array([[0.525, 2.0], [2.5, 0.525], [3.2, 2.0], [0.1, 2.0], [4.3, 2.0]])
     evidence = judge(reference, ends, np.tile(start, (len(ends), 1)), np.zeros(3))
@@ -66,7 +66,7 @@ def test_evidence_counts_what_points_say():
 def test_a_ray_through_a_wall_speaks_against_the_pose():
     cells = np.full((60, 100), -3.0, np.float32)
     cells[:, 40] = 3.0
-    reference = reference_map(OccupancyGrid(cells, CELL_M, np.zeros(3)))
+    reference = wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.4)
     rays = np.array([[4.0, 1.5], [2.0, 1.5]])
     starts = np.array([[0.5, 1.5], [0.5, 1.5]])
     assert judge(reference, rays, starts, np.zeros(3)).through == 1
@@ -75,7 +75,7 @@ def test_a_ray_through_a_wall_speaks_against_the_pose():
 def test_a_ray_along_a_wall_does_not_count_as_through_it():
     cells = np.full((60, 100), -3.0, np.float32)
     cells[30, :] = 3.0
-    reference = reference_map(OccupancyGrid(cells, CELL_M, np.zeros(3)))
+    reference = wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.4)
     ray, start = np.array([[4.5, 1.58]]), np.array([[0.5, 1.45]])
     assert judge(reference, ray, start, np.zeros(3)).through == 0
 
@@ -83,11 +83,11 @@ def test_a_ray_along_a_wall_does_not_count_as_through_it():
 def test_a_corridor_leaves_its_direction_open():
     cells = np.full((60, 400), -3.0, np.float32)
     cells[[10, 50]] = 3.0
-    reference = reference_map(OccupancyGrid(cells, CELL_M, np.zeros(3)))
+    reference = wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.4)
     x = np.arange(-3.0, 3.0, 0.05)
     points = np.vstack([np.column_stack([x, np.full_like(x, side)]) for side in (-1.0, 1.0)])
     corridor = refine(reference, points, np.array([10.0, 1.525, 0.0]))
-    room = refine(reference_map(box()), outline(), np.zeros(3))
+    room = refine(wall_map(box(), free_below=-0.4), outline(), np.zeros(3))
     assert structure(corridor) <= 0.0
     assert structure(room) > 0.2
     along, across = covariance_of(corridor, 0.0)[[0, 1], [0, 1]]

@@ -1,0 +1,138 @@
+"""What speaks for each hypothesis, as numbers that a ranking can weigh: amounts of wall, ratios, rivals."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.hypotheses import Pool
+from fusion.survey import SurveyedMap
+from mapping import se2
+from mapping.map_agreement import Agreements, compare_cells, judge_poses
+
+FloatArray = NDArray[np.float64]
+DIFFERENT_M, DIFFERENT_RAD = 1.0, np.radians(8.0)  # poses farther apart are two places
+_CONFLICT = 2.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evidence:
+    """The evidence for K hypotheses.
+
+    features: name -> (K,); b_on_a, a_on_b: metres of each map's wall on the other; free_m2, agreeing_m2,
+    disagreeing_m2 (K,): areas; omega (K,): the acceptance index (3.15).
+    """
+
+    features: dict[str, FloatArray]
+    b_on_a: Agreements
+    a_on_b: Agreements
+    free_m2: FloatArray
+    omega: FloatArray
+    overlap_share: FloatArray
+
+    def overlap(self, number: int) -> float:
+        """Return the cells known in both maps, as a share of the smaller map's known cells, at a hypothesis."""
+        return float(self.overlap_share[number])
+
+
+def gather(a: SurveyedMap, b: SurveyedMap, pool: Pool) -> Evidence:
+    """Judge every pose of a pool both ways."""
+    least_cell_m = max(a.walls.resolution_m, b.walls.resolution_m)
+    forth = judge_poses(a.surface, b.probe, pool.poses, least_cell_m)
+    back = judge_poses(b.surface, a.probe, se2.inverse(pool.poses), least_cell_m)
+    free, both_wall, one_each = compare_cells(a.surface, b.cells, b.states, b.cell_area_m2, pool.poses)
+    omega = (free + both_wall) / np.maximum(free + both_wall + one_each, 1e-9)
+    features = _own(a, b, forth, back) | _areas(a, b, free, one_each, omega) | _search(pool)
+    features |= _rivals(forth, back, pool, b)
+    overlap = (free + both_wall + one_each) / max(min(a.known_m2, b.known_m2), 1e-9)
+    return Evidence(features, forth, back, free, omega, np.minimum(overlap, 1.0))
+
+
+def _own(a: SurveyedMap, b: SurveyedMap, forth: Agreements, back: Agreements) -> dict[str, FloatArray]:
+    """Return what each hypothesis shows by itself."""
+    features: dict[str, FloatArray] = {}
+    known = 0.5 * (forth.known + back.known)
+    for level, name in enumerate(("sharp", "middle", "wide")):
+        hits = 0.5 * (forth.hits[:, level] + back.hits[:, level])
+        conflicts = 0.5 * (forth.conflicts[:, level] + back.conflicts[:, level])
+        shares = [each.hits[:, level] / np.maximum(each.known, 0.1) for each in (forth, back)]
+        clean = [_share(each.hits[:, level], each.conflicts[:, level]) for each in (forth, back)]
+        features[f"log_hits_{name}"] = np.log1p(hits)
+        features[f"log_conflicts_{name}"] = np.log1p(conflicts)
+        features[f"hit_share_{name}"] = hits / np.maximum(known, 0.1)
+        features[f"least_hit_share_{name}"] = np.minimum(*shares)
+        features[f"clean_{name}"] = _share(hits, conflicts)
+        features[f"least_clean_{name}"] = np.minimum(*clean)
+        features[f"net_{name}"] = _signed_log(hits - _CONFLICT * conflicts)
+    features["log_parallel_sharp"] = np.log1p(0.5 * (forth.parallel[:, 0] + back.parallel[:, 0]))
+    features["log_parallel_middle"] = np.log1p(0.5 * (forth.parallel[:, 1] + back.parallel[:, 1]))
+    parallel = forth.parallel[:, 1] + back.parallel[:, 1]
+    features["parallel_share"] = parallel / np.maximum(forth.hits[:, 1] + back.hits[:, 1], 0.1)
+    features["crossing_share"] = (forth.crossing + back.crossing) / np.maximum(
+        forth.crossing + back.crossing + parallel, 0.1
+    )
+    features["log_weak"] = np.log1p(0.5 * (forth.weak + back.weak))
+    features["log_least_weak"] = np.log1p(np.minimum(forth.weak, back.weak))
+    features["log_turning"] = np.log1p(0.5 * (forth.turning + back.turning))
+    features["log_good_blocks"] = np.log1p(forth.good + back.good)
+    features["log_bad_blocks"] = np.log1p(forth.bad + back.bad)
+    features["good_block_share"] = _share(forth.good + back.good, forth.bad + back.bad)
+    features["hit_gap"] = 0.5 * (forth.hit_gap + back.hit_gap)
+    features["log_known"] = np.log1p(known)
+    features["known_share"] = known / max(min(a.wall_m, b.wall_m), 1.0)
+    features["log_smaller_wall"] = np.full(len(known), np.log1p(min(a.wall_m, b.wall_m)))
+    return features
+
+
+def _areas(
+    a: SurveyedMap, b: SurveyedMap, free: FloatArray, one_each: FloatArray, omega: FloatArray
+) -> dict[str, FloatArray]:
+    return {
+        "omega": omega,
+        "log_odds_omega": np.log((1.0 - omega) + 0.002),
+        "log_common_free": np.log1p(free),
+        "common_free_share": free / max(min(a.free_m2, b.free_m2), 1.0),
+        "log_disagreeing": np.log1p(one_each),
+    }
+
+
+def _search(pool: Pool) -> dict[str, FloatArray]:
+    return {
+        "score": pool.score,
+        "votes": pool.votes,
+        "log_matches": np.log1p(pool.matches),
+        "matches_of_best": pool.matches / max(float(pool.matches.max()), 1.0),
+    }
+
+
+def _rivals(forth: Agreements, back: Agreements, pool: Pool, b: SurveyedMap) -> dict[str, FloatArray]:
+    """Return how each hypothesis stands against the others of its pool, and against those at another place."""
+    different = different_places(pool.poses, b)
+    features: dict[str, FloatArray] = {}
+    for level, name in enumerate(("sharp", "middle", "wide")):
+        net = np.maximum(0.0, 0.5 * (forth.hits + back.hits)[:, level] - 0.5 * _CONFLICT * (forth.conflicts + back.conflicts)[:, level])
+        best = max(net.max(), 0.1)
+        rival = np.where(different, net[np.newaxis, :], 0.0).max(axis=1)
+        features[f"net_of_best_{name}"] = net / best
+        features[f"rival_{name}"] = np.minimum(rival / np.maximum(net, 0.1), 5.0)
+        features[f"lead_{name}"] = _signed_log(net - rival)
+        features[f"rivals_{name}"] = np.log1p((different & (net[np.newaxis, :] > 0.8 * net[:, np.newaxis])).sum(axis=1))
+    return features
+
+
+def different_places(poses: FloatArray, b: SurveyedMap) -> NDArray[np.bool_]:
+    """Return (K, K) which of poses (K, 3) put the middle of map b's walls at different places or turn it otherwise."""
+    centres = se2.compose(poses, np.array([*b.probe.points.mean(axis=0), 0.0]))
+    apart = np.hypot(*(centres[:, np.newaxis, :2] - centres[np.newaxis, :, :2]).transpose(2, 0, 1))
+    turned = np.abs(se2.wrap_angle(centres[:, np.newaxis, 2] - centres[np.newaxis, :, 2]))
+    return np.asarray((apart > DIFFERENT_M) | (turned > DIFFERENT_RAD))
+
+
+def _share(part: FloatArray, rest: FloatArray) -> FloatArray:
+    return np.asarray(part / np.maximum(part + rest, 0.1))
+
+
+def _signed_log(value: FloatArray) -> FloatArray:
+    return np.asarray(np.sign(value) * np.log1p(np.abs(value)))

@@ -1,0 +1,150 @@
+"""The last step of a registration: the pose below a cell, from both maps' walls, and how far it may be off.
+
+The covariance is the cluster-robust ("sandwich") one of Gauss-Newton (Liang and Zeger 1986): walls within a few metres
+err alike, because the map is bent there or a thing was moved, so that not points but blocks of wall count as one
+measurement each. Where maps are warped the blocks pull apart and the covariance grows; along a corridor nothing pulls
+and it grows too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fusion.survey import SurveyedMap
+from mapping import se2
+from mapping.map_agreement import Probe
+from mapping.map_matching import refine_each
+from mapping.wall_map import FAR_M, WallMap
+
+FloatArray = NDArray[np.float64]
+_SCALES_M = (0.15, 0.12, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
+_SCALE_M = 0.1
+_HELD = 1e-3  # metres of wall that are taken to hold every direction
+
+
+@dataclass(frozen=True, slots=True)
+class UncertaintyModel:
+    """cells: standard deviation of a wall's place in cells of the coarser map, alike over along_m of wall; spread:
+    factor on what the blocks pull apart; floor_m, floor_rad: at the least.
+    """
+
+    cells: float = 0.5
+    along_m: float = 1.0
+    spread: float = 1.0
+    floor_m: float = 0.005
+    floor_rad: float = 0.0003
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """The pose (3,) of grid b in grid a's frame, and its covariance (3, 3)."""
+
+    pose: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pull:
+    """Normal matrix (3, 3) in metres of wall and the blocks' gradients (B, 3), about a middle (2,) of map a's frame."""
+
+    matrix: FloatArray
+    gradients: FloatArray
+
+
+def settle(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyModel) -> Settled:
+    """Refine a pose with the walls of b on those of a and of a on those of b, and say how sure it is."""
+    forth = _refined(a.walls, b.probe, pose)
+    back = se2.inverse(_refined(b.walls, a.probe, se2.inverse(pose)))
+    middle = se2.transform_points(forth, b.probe.points.mean(axis=0))
+    pulls = [_pull(a.walls, b.probe, forth, middle, inverted=False), _pull(b.walls, a.probe, se2.inverse(back), middle, inverted=True)]
+    matrix = pulls[0].matrix + pulls[1].matrix
+    # The mean of both, each weighed by how well its walls hold it.
+    away = _about(back, middle, forth)
+    step = np.linalg.solve(matrix + _HELD * np.eye(3), pulls[1].matrix @ away)
+    settled = _moved(forth, middle, step)
+    return Settled(settled, _covariance(pulls, max(a.walls.resolution_m, b.walls.resolution_m), settled, middle, model))
+
+
+def _refined(walls: WallMap, probe: Probe, pose: FloatArray) -> FloatArray:
+    """Return the pose of the probe's frame after refinement about the middle of the walls that meet."""
+    placed = se2.transform_points(pose, probe.points)
+    distance, _ = _field_at(walls, placed)
+    near = distance < 0.5
+    middle = np.array([*(probe.points[near].mean(axis=0) if near.any() else probe.points.mean(axis=0)), 0.0])
+    start = se2.compose(pose, middle)
+    refined = refine_each(walls, probe.points - middle[:2], start[np.newaxis], _SCALES_M)[0]
+    return se2.compose(refined, se2.inverse(middle))
+
+
+def _pull(walls: WallMap, probe: Probe, pose: FloatArray, middle: FloatArray, *, inverted: bool) -> _Pull:
+    """Return how the probe's walls hold a small motion of map b about a middle (2,) in map a's frame.
+
+    inverted: the probe is map a's, and pose that of grid a in b's frame; its points then move the other way.
+    """
+    placed = se2.transform_points(pose, probe.points)
+    distance, slope = _field_at(walls, placed)
+    normal = slope
+    about = placed - middle
+    if inverted:
+        T_a_b = se2.inverse(pose)
+        cos, sin = np.cos(T_a_b[2]), np.sin(T_a_b[2])
+        normal = -np.column_stack([cos * slope[:, 0] - sin * slope[:, 1], sin * slope[:, 0] + cos * slope[:, 1]])
+        about = probe.points - middle
+    weight = probe.lengths / (1.0 + (distance / _SCALE_M) ** 2) ** 2
+    weight[distance >= 4.0 * _SCALE_M] = 0.0
+    jacobian = np.column_stack([normal, normal[:, 1] * about[:, 0] - normal[:, 0] * about[:, 1]])
+    matrix = (jacobian * weight[:, np.newaxis]).T @ jacobian
+    gradients = np.zeros((int(probe.blocks.max()) + 1 if len(probe.blocks) else 0, 3))
+    np.add.at(gradients, probe.blocks, jacobian * (weight * distance)[:, np.newaxis])
+    return _Pull(matrix, gradients)
+
+
+def _covariance(
+    pulls: list[_Pull], cell_m: float, pose: FloatArray, middle: FloatArray, model: UncertaintyModel
+) -> FloatArray:
+    """Return the covariance (3, 3) of the pose's x, y, yaw."""
+    matrix = pulls[0].matrix + pulls[1].matrix
+    inverse = np.linalg.inv(matrix + _HELD * np.eye(3))
+    # Both maps' walls show the same differences: the two directions are one measurement, not two.
+    apart = sum((pull.gradients.T @ pull.gradients for pull in pulls), start=np.zeros((3, 3))) * 2.0
+    measured = (model.cells * cell_m) ** 2 * model.along_m * 2.0
+    about_middle = model.spread * inverse @ apart @ inverse + measured * inverse
+    about_middle += np.diag([model.floor_m**2, model.floor_m**2, model.floor_rad**2])
+    lever = pose[:2] - middle
+    onto = np.array([[1.0, 0.0, -lever[1]], [0.0, 1.0, lever[0]], [0.0, 0.0, 1.0]])
+    return np.asarray(onto @ about_middle @ onto.T)
+
+
+def _about(pose: FloatArray, middle: FloatArray, reference: FloatArray) -> FloatArray:
+    """Return the motion (3,) about a middle (2,) that takes the reference pose to a pose."""
+    turn = float(se2.wrap_angle(pose[2] - reference[2]))
+    kept = se2.transform_points(pose, se2.transform_points(se2.inverse(reference), middle))
+    return np.array([*(kept - middle), turn])
+
+
+def _moved(pose: FloatArray, middle: FloatArray, step: FloatArray) -> FloatArray:
+    """Return a pose after a motion (3,) about a middle (2,)."""
+    about = np.array([middle[0], middle[1], 0.0])
+    moved = se2.compose(np.array([*(middle + step[:2]), step[2]]), se2.compose(se2.inverse(about), pose))
+    return np.asarray(moved)
+
+
+def _field_at(walls: WallMap, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the interpolated distance (N,) in m and its slope (N, 2) at points (N, 2) of the grid's frame."""
+    rows, cols = walls.distances.shape
+    place = points / walls.resolution_m - 0.5
+    corner = np.floor(place).astype(np.int64)
+    inside = (corner >= 0).all(axis=1) & (corner[:, 0] + 1 < cols) & (corner[:, 1] + 1 < rows)
+    col, row = np.where(inside[:, np.newaxis], corner, 0).T
+    u, v = (place - corner).T
+    field = walls.distances.astype(np.float64, copy=False) if walls.distances.size < 1 else walls.distances
+    if rows < 2 or cols < 2:
+        return np.full(len(points), FAR_M), np.zeros((len(points), 2))
+    a, b, c, d = (np.float64(1.0) * field[row + i, col + j] for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)))
+    low, high = a + u * (b - a), c + u * (d - c)
+    slope = np.column_stack([(1.0 - v) * (b - a) + v * (d - c), high - low]) / walls.resolution_m
+    distance = np.where(inside, low + v * (high - low), FAR_M)
+    return distance, np.where(inside[:, np.newaxis], slope, 0.0)
