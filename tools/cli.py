@@ -19,6 +19,7 @@ from tools.commands import (
     align,
     bag,
     bench,
+    bench_fusion,
     bench_slam,
     config,
     demo,
@@ -59,6 +60,7 @@ app.command("pairs")(pairs.pairs)
 app.command("demo")(demo.demo)
 app.add_typer(bench.app, name="bench")
 bench.app.command("slam")(bench_slam.slam)
+bench.app.command("fusion")(bench_fusion.fusion)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
