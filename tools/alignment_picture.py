@@ -183,7 +183,7 @@ def _draw_legend(page: Image, view: AlignmentView) -> None:
          ("unknown", "not seen")],
     ]  # fmt: skip
     for number, line in enumerate(lines):
-        x, y = _EDGE_PX, _BOTTOM_PX + 12 + 24 * number
+        x, y = _EDGE_PX, _BOTTOM_PX + 9 + 23 * number
         for name, text in line:
             cv2.rectangle(page, (x, y), (x + 22, y + 14), COLORS_BGR[name], cv2.FILLED)
             cv2.rectangle(page, (x, y), (x + 22, y + 14), _PALE_INK_BGR, 1)

@@ -49,8 +49,9 @@ class AlignmentView:
                 raise ValueError(f"pose {pose} is not a finite (x, y, yaw)")
         if (self.score is None) != (self.score_extent_m is None):
             raise ValueError("score and score_extent_m belong together: give both or none")
-        if (self.points_a is None) != (self.points_b is None) or np.shape(self.points_a) != np.shape(self.points_b):
-            raise ValueError(f"points_a {np.shape(self.points_a)} and points_b {np.shape(self.points_b)} are no pairs")
+        points_a, points_b = (np.empty((0, 2)) if side is None else side for side in (self.points_a, self.points_b))
+        if points_a.shape != points_b.shape:
+            raise ValueError(f"points_a {points_a.shape} and points_b {points_b.shape} are no pairs")
 
 
 def chance_text(view: AlignmentView) -> str:

@@ -22,9 +22,9 @@ from tools.pictures import Image
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-# Okabe and Ito's blue and orange, black and a crimson that is darker than either: told apart by the colour-blind too.
+# Okabe and Ito's blue and orange, black and a crimson: told apart by the colour-blind too.
 COLORS_BGR = MappingProxyType(
-    {
+    {  # in the order in which one covers the other
         "unknown": (226, 226, 226),
         "free a": (247, 226, 200),
         "free b": (190, 228, 253),
@@ -32,7 +32,7 @@ COLORS_BGR = MappingProxyType(
         "wall a": (178, 104, 0),
         "wall b": (0, 140, 230),
         "wall both": (34, 34, 34),
-        "conflict": (70, 0, 215),
+        "conflict": (100, 20, 235),
     }
 )
 _WALL_ABOVE, _FREE_BELOW = 0.62, -0.62  # log-odds of p = 0.65 and 0.35, as in the verification
@@ -51,6 +51,12 @@ class View:
     low: FloatArray
     high: FloatArray
     zoomed: bool = False
+
+    @property
+    def corners(self) -> FloatArray:
+        """(4, 2) in m, counter-clockwise."""
+        (x0, y0), (x1, y1) = self.low, self.high
+        return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
 
 
 def view_of(grid: OccupancyGrid) -> View:
@@ -97,7 +103,8 @@ def reduced(grid: OccupancyGrid, factor: int) -> OccupancyGrid:
 
 def reduction(grid: OccupancyGrid, pixel_m: float) -> int:
     """Return the largest factor that leaves a map's cells no larger than a pixel; 1 for coarser maps."""
-    return max(1, min(math.floor(pixel_m / grid.resolution_m + 1e-9), max(grid.log_odds.shape)))
+    cells = math.floor(pixel_m / grid.resolution_m + 1e-9)
+    return int(min(max(1, cells), max(grid.log_odds.shape)))
 
 
 def seen_on(grid: OccupancyGrid, T_view_map: FloatArray, raster: Raster) -> LogOdds:
@@ -129,18 +136,12 @@ def overlay_image(a: LogOdds, b: LogOdds, pixel_m: float, stroke_px: int = 1) ->
     apart = max(_CONFLICT_M / pixel_m, _CONFLICT_PX)
     both = (wall_a & (far_b <= same)) | (wall_b & (far_a <= same))
     conflict = (wall_a & free_b & (far_b > apart)) | (wall_b & free_a & (far_a > apart))
-    image = np.full((*a.shape, 3), COLORS_BGR["unknown"], np.uint8)
-    for mask, name, width_px in (
-        (free_a, "free a", 1),
-        (free_b, "free b", 1),
-        (free_a & free_b, "free both", 1),
-        (wall_a, "wall a", stroke_px),
-        (wall_b, "wall b", stroke_px),
-        (both, "wall both", stroke_px),
-        (conflict, "conflict", stroke_px + 1),
-    ):
-        image[_widened(mask, width_px)] = COLORS_BGR[name]
-    return np.ascontiguousarray(image[::-1])
+    kinds = np.zeros(a.shape, np.uint8)  # the number of the colour; what comes later covers what came before
+    widths = [1, 1, 1, stroke_px, stroke_px, stroke_px, stroke_px + 1]
+    masks = [free_a, free_b, free_a & free_b, wall_a, wall_b, both, conflict]
+    for number, (mask, width_px) in enumerate(zip(masks, widths, strict=True), start=1):
+        kinds[_widened(mask, width_px)] = number
+    return np.take(np.array(list(COLORS_BGR.values()), np.uint8), kinds[::-1], axis=0)
 
 
 def _corners(grid: OccupancyGrid) -> FloatArray:
@@ -174,12 +175,12 @@ def _reduced_cells(log_odds: LogOdds, factor: int) -> LogOdds:
         band = log_odds[first : first + step]
         kinds = np.where(band > _WALL_ABOVE, np.uint8(2), (band < _FREE_BELOW).view(np.uint8))
         bands.append(_largest_of_rows(_largest_of_rows(kinds, factor).T, factor).T)
-    return _LOG_ODDS_OF_KIND[np.vstack(bands)]
+    return np.asarray(_LOG_ODDS_OF_KIND[np.vstack(bands)], dtype=np.float32)
 
 
 def _largest_of_rows(kinds: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     """Return each `factor` rows as one."""
-    result = kinds[::factor].copy()
+    result: NDArray[np.uint8] = kinds[::factor].copy()
     for offset in range(1, factor):
         rows = kinds[offset::factor]
         np.maximum(result[: len(rows)], rows, out=result[: len(rows)])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fusion.resampling import Raster
 from mapping import se2
-from mapping.grid import OccupancyGrid
+from mapping.grid import LogOdds, OccupancyGrid
 from tools.lettering import INK_BGR, text_width_px, write_text
 from tools.map_overlay import (
     COLORS_BGR,
@@ -33,6 +33,7 @@ _UNKNOWN_GRAY = 205  # as a map_server has it
 _MOST_FEATURES = 300
 _SHORTEST_SLIDE_PX = 26.0
 _ROUND_M = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
+_TINY_PX = 14  # a map smaller than that is ringed
 _SHIFT_BITS = 4  # of fractions of a pixel
 
 
@@ -87,6 +88,7 @@ def single_panel(
         outlines = cv2.findContours(solid, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
         large = [outline for outline in outlines if len(outline) > 20] or list(outlines)
         cv2.drawContours(image, large, -1, color, 2, cv2.LINE_AA)
+        _ring_if_tiny(image, raster, cells, se2.transform_points(T_map_other, view_of(other).corners), color)
     if not cells.any():
         text = "no known cell"
         write_text(image, text, ((shape[1] - text_width_px(text, 0.6)) / 2.0, shape[0] / 2.0), 0.6)
@@ -115,7 +117,7 @@ def score_panel(score: FloatArray, extent_m: tuple[float, float, float, float], 
     )
     image[top : top + size[1], left : left + size[0]] = heat[: shape[0] - top, : shape[1] - left]
     draw_scale_bar(image, raster.resolution_m)
-    for number, (row, col) in enumerate(two_peaks(finite), start=1):
+    for number, (row, col) in enumerate(two_peaks(finite) if high > finite.min() else [], start=1):
         x = left + (col + 0.5) / score.shape[1] * size[0]
         y = top + size[1] - (row + 0.5) / score.shape[0] * size[1]
         cv2.circle(image, (round(x), round(y)), 9, (255, 255, 255), 4, cv2.LINE_AA)
@@ -125,12 +127,12 @@ def score_panel(score: FloatArray, extent_m: tuple[float, float, float, float], 
 
 
 def two_peaks(score: FloatArray) -> list[tuple[int, int]]:
-    """Return (row, col) of the highest value and of the highest one outside its surroundings, if there is one."""
+    """Return (row, col) of the highest value and of the highest one outside its surroundings, unless that is flat."""
     row, col = (int(index) for index in np.unravel_index(np.argmax(score), score.shape))
     apart = max(2, max(score.shape) // 8)
     rest = np.array(score, dtype=np.float64)
     rest[max(0, row - apart) : row + apart + 1, max(0, col - apart) : col + apart + 1] = -np.inf
-    if not np.isfinite(rest).any():
+    if rest.max() <= score.min():
         return [(row, col)]
     second = np.unravel_index(np.argmax(rest), rest.shape)
     return [(row, col), (int(second[0]), int(second[1]))]
@@ -156,6 +158,15 @@ def _largest_of_blocks(values: FloatArray, shape: tuple[int, int]) -> FloatArray
         factor = math.ceil(values.shape[axis] / shape[axis])
         values = np.maximum.reduceat(values, np.arange(0, values.shape[axis], factor), axis=axis)
     return values
+
+
+def _ring_if_tiny(image: Image, raster: Raster, cells: LogOdds, corners: FloatArray, color: Color) -> None:
+    """Draw a ring around a box of corners (4, 2) that is hardly more than a dot, if it lies on known cells."""
+    pixels = pixels_of(raster, corners)
+    x, y = np.floor(pixels.mean(axis=0)).astype(int).tolist()
+    rows, cols = cells.shape
+    if np.ptp(pixels, axis=0).max() < _TINY_PX and 0 <= x < cols and 0 < y <= rows and cells[rows - y, x] != 0.0:
+        cv2.circle(image, (x, y), _TINY_PX, color, 2, cv2.LINE_AA)
 
 
 def _fixed(points: FloatArray) -> list[tuple[int, int]]:
@@ -212,7 +223,7 @@ def _draw_slide(image: Image, raster: Raster, middle: FloatArray, slide: tuple[f
     for color, width in (((255, 255, 255), 9), (MARK_BGR, 4)):
         for tip in tips[1:]:
             cv2.arrowedLine(image, tips[0], tip, color, width, cv2.LINE_AA, _SHIFT_BITS, 14.0 / length)
-    text = f"may slide {metres:.2g} m either way"
+    text = f"may slide {metres:.{0 if metres >= 10.0 else 1}f} m either way"
     left = float(np.clip(centre[0] - text_width_px(text, 0.6, bold=True) / 2.0, 6, cols))
     base = float(np.clip(centre[1] + abs(along[1]) * length + 30.0, 20, rows - 40))
     write_text(image, text, (left, base), 0.6, MARK_BGR, bold=True, halo=True)
