@@ -91,13 +91,15 @@ def _draw_unplaced(page: Image, a: OccupancyGrid, b: OccupancyGrid, view: Alignm
 def _draw_places(page: Image, a: OccupancyGrid, b: OccupancyGrid, view: AlignmentView, T_a_b: FloatArray) -> None:
     """Draw the maps over each other; at two places if that is the question."""
     color = VERDICT_COLORS_BGR[view.verdict.lower()]
+    marks = OverlayMarks(True, view.points_a, view.points_b, view.slide)
     if view.verdict.lower() == "ambiguous" and view.alternatives:
         second, probability = view.alternatives[0]
-        shape = _half_shape([view_of_both(a, b, pose) for pose in (T_a_b, second)])
+        shape = _half_shape([view_of_both(a, b, pose) for pose in (T_a_b, second)], (_BOTTOM_PX - _TOP_PX, _MAIN_PX))
         corner = (_EDGE_PX, _TOP_PX)
-        for name, pose, chance in (("best", T_a_b, view.probability), ("2nd best", second, probability)):
+        places = (("best", T_a_b, view.probability, marks), ("2nd best", second, probability, OverlayMarks()))
+        for name, pose, chance, drawn in places:
             title = f"{name} place" + ("" if chance is None else f" ({percent(chance)})") + f": {pose_text(pose)}"
-            _place(page, overlay_panel(a, b, pose, shape, OverlayMarks()), corner, title, color, 4)
+            _place(page, overlay_panel(a, b, pose, shape, drawn), corner, title, color, 4)
             right, below = corner[0] + shape[1] + _GAP_PX, corner[1] + shape[0] + _TITLE_PX
             corner = (right, corner[1]) if shape[1] < _MAIN_PX else (corner[0], below)
         return
@@ -106,28 +108,26 @@ def _draw_places(page: Image, a: OccupancyGrid, b: OccupancyGrid, view: Alignmen
     )
     if view_of_both(a, b, T_a_b).zoomed:
         title += "; zoomed in on the smaller map"
-    marks = OverlayMarks(True, view.points_a, view.points_b, view.slide)
     image = overlay_panel(a, b, T_a_b, (_BOTTOM_PX - _TOP_PX, _MAIN_PX), marks)
     _place(page, image, (_EDGE_PX, _TOP_PX), title, color, 4)
 
 
-def _half_shape(views: list[View]) -> tuple[int, int]:
-    """Return the shape of two panels, side by side or one above the other, in which the views are largest."""
-    shapes = (
-        (_BOTTOM_PX - _TOP_PX, (_MAIN_PX - _GAP_PX) // 2),
-        ((_BOTTOM_PX - _TOP_PX - _TITLE_PX) // 2, _MAIN_PX),
-    )
-    return min(shapes, key=lambda shape: max(raster_for(view, shape).resolution_m for view in views))
+def _half_shape(views: list[View], shape: tuple[int, int]) -> tuple[int, int]:
+    """Return the shape of two panels, side by side or one above the other, that shows the views largest."""
+    rows, cols = shape
+    halves = ((rows, (cols - _GAP_PX) // 2), ((rows - _TITLE_PX) // 2, cols))
+    return min(halves, key=lambda half: max(raster_for(view, half).resolution_m for view in views))
 
 
 def _draw_maps_alone(page: Image, a: OccupancyGrid, b: OccupancyGrid, view: AlignmentView, room_px: int) -> int:
     """Draw each map as it is, with the area outlined that the other one saw too; return the y below them."""
-    T_a_b = view.T_a_b if view.T_a_b is not None else se2.IDENTITY
+    T_a_b = se2.IDENTITY if view.T_a_b is None else view.T_a_b
     x, y = WIDTH_PX - _EDGE_PX - _SIDE_PX, _TOP_PX
-    room_px -= _TITLE_PX + _CAPTION_PX
-    below = room_px > 2 * _LARGEST_TILE_PX
-    width_px = _SIDE_PX if below else (_SIDE_PX - _GAP_PX) // 2
-    shape = ((room_px - _TITLE_PX) // 2 if below else min(room_px, _HIGHEST_PX), width_px)
+    rows = room_px - _TITLE_PX - _CAPTION_PX
+    shape = _half_shape([view_of(a), view_of(b)], (rows, _SIDE_PX))
+    below = shape[1] == _SIDE_PX
+    if not below:
+        shape = (min(rows, _HIGHEST_PX), shape[1])
     for number, (grid, other, pose) in enumerate(((a, b, T_a_b), (b, a, se2.inverse(T_a_b)))):
         color = COLORS_BGR[f"wall {'ab'[number]}"]
         image = single_panel(grid, shape, COLORS_BGR[f"wall {'ba'[number]}"], other, pose)
