@@ -141,7 +141,7 @@ def two_peaks(score: FloatArray) -> list[tuple[int, int]]:
 def draw_scale_bar(image: Image, pixel_m: float) -> None:
     """Draw a bar of a round length into the lower right corner."""
     rows, cols = image.shape[:2]
-    length_m = max([m for m in _ROUND_M if m <= cols * pixel_m / 3.0] or [_ROUND_M[0]])
+    length_m = max([m for m in _ROUND_M if m <= min(cols / 3.0, rows / 2.0) * pixel_m] or [_ROUND_M[0]])
     length = min(round(length_m / pixel_m), cols - 20)
     text, scale = f"{length_m:g} m", 0.5 if cols > 300 else 0.4
     left, y = cols - length - text_width_px(text, scale) - 18, rows - 16
