@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from tools.commands.options import Json, PresetName, Seed, print_json
+from tools.commands.options import Json, MethodName, Seed, print_json
 
 log = logging.getLogger(__name__)
 
@@ -17,8 +17,8 @@ log = logging.getLogger(__name__)
 def registration(
     pairs: Annotated[Path, typer.Argument(metavar="PAIRS", help="Folder with a pairs.json, as `pairs` writes.")],
     method: Annotated[
-        PresetName, typer.Option("--method", help="The registration's default, or the thesis's Algorithm 3.")
-    ] = PresetName.default,
+        MethodName, typer.Option("--method", help="The registration's default, or the thesis's Algorithm 3.")
+    ] = MethodName.default,
     only: Annotated[
         list[str] | None,
         typer.Option(
