@@ -10,30 +10,33 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fusion.alignment import Alignment, Alternative
 from fusion.evidence import Evidence, different_places, gather
-from fusion.hypotheses import Pool, SearchSettings, find_hypotheses
+from fusion.hypotheses import DEEP, FAST, Pool, find_hypotheses, match_features
 from fusion.identity import reference_rank
 from fusion.ranking import Ranking, probabilities, shipped_ranking
 from fusion.settling import UncertaintyModel, settle
 from fusion.survey import SurveyedMap, survey
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from mapping.map_agreement import judge_poses
+from mapping.map_agreement import net_metres
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class LayeredSettings:
-    """accept: probability from which a pose is believed. least_wall_m: of wall that both maps must show in one place;
+    """What a pose must reach to be believed, and when to look harder.
+
+    accept: probability from which a pose is believed. least_wall_m: of wall that both maps must show in one place;
     least_weak_m: of it, how much must hold the pose in its weakest direction. ambiguous: share of the best one's
-    probability at which another place makes it a toss. listed: alternatives are named from this probability on.
+    probability at which another place makes it a toss. sure: below this probability a deep search follows the fast one.
+    listed: alternatives are named from this probability on, and at most most_listed.
     """
 
     accept: float = 0.9
@@ -42,15 +45,15 @@ class LayeredSettings:
     ambiguous: float = 0.3
     listed: float = 0.05
     most_listed: int = 4
-    search: SearchSettings = SearchSettings()
+    sure: float = 0.97
     uncertainty: UncertaintyModel = UncertaintyModel()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weighed:
-    """All hypotheses of two maps with their evidence and, for each, the probability (K,) by itself; best is one's number.
+    """All hypotheses of two maps with their evidence and, for each, its probability (K,) by itself.
 
-    score: that the best is right and no other place is.
+    best: number of the most probable one; score: that it is right and no other place is.
     """
 
     a: SurveyedMap
@@ -78,29 +81,41 @@ def register_layers(
         return register_layers(b, a, settings, ranking, seed).inverse()
     rule = settings or LayeredSettings()
     weights = ranking or shipped_ranking()
-    weighed, objection = weigh(a, b, rule.search, weights, seed)
+    weighed, objection = weigh(a, b, rule, weights, seed)
     if weighed is None:
         return Alignment(None, False, objection)
     return _verdict(weighed, rule, weights)
 
 
 def weigh(
-    a: OccupancyGrid, b: OccupancyGrid, search: SearchSettings, ranking: Ranking, seed: int
+    a: OccupancyGrid, b: OccupancyGrid, rule: LayeredSettings, ranking: Ranking, seed: int
 ) -> tuple[Weighed | None, str]:
-    """Return the hypotheses with their probabilities, or None and why there cannot be any."""
+    """Return the hypotheses with their probabilities, or None and why there cannot be any.
+
+    Where a fast search leaves doubt, a deep one follows.
+    """
     maps = survey(a), survey(b)
     for surveyed, name in zip(maps, ("one", "the other"), strict=True):
         if surveyed.free_m2 == 0.0:
             return None, f"{name} map has no free cell"
         if surveyed.wall_m == 0.0:
             return None, f"{name} map has no wall beside free space: nothing to place it by"
-    pool = find_hypotheses(maps[0], maps[1], search, seed)
-    evidence = gather(maps[0], maps[1], pool)
+    matches = match_features(*maps)
+    weighed = _weighed(*maps, find_hypotheses(*maps, matches, FAST, seed=seed), ranking)
+    if ranking.calibrated(weighed.score) < rule.sure:
+        pool = find_hypotheses(*maps, matches, DEEP, seed=seed, earlier=weighed.pool)
+        weighed = _weighed(*maps, pool, ranking)
+    return weighed, ""
+
+
+def _weighed(a: SurveyedMap, b: SurveyedMap, pool: Pool, ranking: Ranking) -> Weighed:
+    """Rank a pool."""
+    evidence = gather(a, b, pool)
     probability = probabilities(ranking.log_odds(evidence.features))
     best = int(np.argmax(probability))
-    others = different_places(pool.poses, maps[1])[best]
+    others = different_places(pool.poses, b)[best]
     rival = float(probability[others].max()) if others.any() else 0.0
-    return Weighed(*maps, pool, evidence, probability, best, float(probability[best]) * (1.0 - rival)), ""
+    return Weighed(a, b, pool, evidence, probability, best, float(probability[best]) * (1.0 - rival))
 
 
 def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Alignment:
@@ -178,8 +193,7 @@ def slide(weighed: Weighed) -> tuple[float, float]:
     shifted[:, 0] += steps * math.cos(direction)
     shifted[:, 1] += steps * math.sin(direction)
     cell_m = max(weighed.a.walls.resolution_m, weighed.b.walls.resolution_m)
-    found = judge_poses(weighed.a.surface, weighed.b.probe, shifted, cell_m)
-    net = found.hits[:, 1] - 2.0 * found.conflicts[:, 1]
+    net = net_metres(weighed.a.surface, weighed.b.probe, shifted, cell_m)[:, 1]
     good = net >= 0.7 * net[80]
     ahead = int(np.argmin(np.append(good[80:], False)))
     back = int(np.argmin(np.append(good[80::-1], False)))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Literal
 
-from fusion.algorithm3 import THESIS, TOLERANT, Algorithm3Settings, register_by_features
+import numpy as np
+
+from fusion.algorithm3 import THESIS, Algorithm3Settings, register_by_features
 from fusion.alignment import Alignment
 from fusion.identity import content_corner, same_evidence
+from fusion.layered import register_layers
 from mapping import se2
 from mapping.grid import OccupancyGrid
 
@@ -26,5 +29,16 @@ def register(
     """
     if same_evidence(a, b):
         T_a_b = se2.compose(content_corner(a), se2.inverse(content_corner(b)))
-        return Alignment(T_a_b, True, "the two are the same map, cell by cell", None, 1.0, 1.0)
-    return register_by_features(a, b, settings if method == "thesis" else TOLERANT, seed)
+        return Alignment(
+            T_a_b,
+            True,
+            "the two are the same map, cell by cell",
+            None,
+            1.0,
+            1.0,
+            probability=1.0,
+            covariance=np.zeros((3, 3)),
+        )
+    if method == "thesis":
+        return register_by_features(a, b, settings, seed)
+    return register_layers(a, b, seed=seed)
