@@ -10,7 +10,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from mapping.grid import OccupancyGrid
 from mapping.map_agreement import net_metres
 
 FloatArray = NDArray[np.float64]
+_SLIDE_STEP_M, _SLIDE_STEPS, _SLIDE_KEEPS = 0.25, 80, 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,62 +121,46 @@ def _weighed(a: SurveyedMap, b: SurveyedMap, pool: Pool, ranking: Ranking) -> We
 
 def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Alignment:
     """Return the best hypothesis, settled, and whether to believe it."""
-    a, b, best = weighed.a, weighed.b, weighed.best
+    a, b, best, evidence = weighed.a, weighed.b, weighed.best, weighed.evidence
     settled = settle(a, b, weighed.pool.poses[best], rule.uncertainty)
     probability = ranking.calibrated(weighed.score)
-    against = _objection(weighed, probability, rule)
-    reason = against or (
-        f"{_wall_m(weighed):.0f} m of wall agree and {_conflict_m(weighed):.1f} m contradict; "
-        f"no other place comes near (probability {probability:.3f})"
-    )
-    return Alignment(
+    wall_m = float(min(evidence.b_on_a.hits[best, 1], evidence.a_on_b.hits[best, 1]))
+    conflict_m = float(evidence.b_on_a.conflicts[best, 1] + evidence.a_on_b.conflicts[best, 1])
+    found = Alignment(
         _in_map_frames(a, b, settled.pose),
-        against is None,
-        reason,
+        accepted=True,
+        reason=f"{wall_m:.0f} m of wall agree and {conflict_m:.1f} m contradict, no other place comes near",
         inliers=int(weighed.pool.matches[best]),
-        acceptance=float(weighed.evidence.omega[best]),
-        overlap=weighed.evidence.overlap(best),
+        acceptance=float(evidence.omega[best]),
+        overlap=evidence.overlap(best),
         probability=probability,
         covariance=_covariance_in_map_frames(a, b, settled.pose, settled.covariance),
         alternatives=_alternatives(weighed, rule, ranking),
+        common_wall_m=wall_m,
+        conflict_m=conflict_m,
     )
-
-
-def _wall_m(weighed: Weighed) -> float:
-    """Return the metres of wall that both maps show in one place at the best hypothesis."""
-    hits = [each.hits[weighed.best, 1] for each in (weighed.evidence.b_on_a, weighed.evidence.a_on_b)]
-    return float(min(hits))
-
-
-def _conflict_m(weighed: Weighed) -> float:
-    """Return the metres of wall of either map that stand in the other's free space."""
-    return float(sum(each.conflicts[weighed.best, 1] for each in (weighed.evidence.b_on_a, weighed.evidence.a_on_b)))
-
-
-def _objection(weighed: Weighed, probability: float, rule: LayeredSettings) -> str | None:
-    """Return in words what speaks most against the best hypothesis; None if it is to be believed."""
-    wall_m, conflict_m = _wall_m(weighed), _conflict_m(weighed)
     if wall_m < rule.least_wall_m:
-        return f"only {wall_m:.1f} m of wall are seen in both maps, {rule.least_wall_m:g} m are needed"
-    weak_m = min(float(each.weak[weighed.best]) for each in (weighed.evidence.b_on_a, weighed.evidence.a_on_b))
+        reason = f"only {wall_m:.1f} m of wall are seen in both maps, {rule.least_wall_m:g} m are needed"
+        return replace(found, accepted=False, reason=reason)
     rival = _strongest_rival(weighed)
-    if rival is not None and weighed.probability[rival] > rule.ambiguous * weighed.probability[weighed.best]:
-        x, y, yaw = _in_map_frames(weighed.a, weighed.b, weighed.pool.poses[rival]).tolist()
-        return (
-            f"ambiguous: another place fits as well (x {x:.1f} m, y {y:.1f} m, {math.degrees(yaw):.0f} deg; "
-            f"{weighed.probability[rival]:.0%} against {weighed.probability[weighed.best]:.0%})"
-        )
+    if rival is not None and weighed.probability[rival] > rule.ambiguous * weighed.probability[best]:
+        return replace(found, accepted=False, ambiguous=True, reason=_toss_in_words(weighed, rival))
+    weak_m = float(min(evidence.b_on_a.weak[best], evidence.a_on_b.weak[best]))
     if weak_m < rule.least_weak_m:
-        back_m, ahead_m = slide(weighed)
-        return (
-            f"the corridor slides {back_m:.1f} m one way and {ahead_m:.1f} m the other: "
-            f"only {weak_m:.1f} m of wall hold it along its length, {rule.least_weak_m:g} m are needed"
+        direction, reach_m = slide(weighed)
+        direction += float(a.walls.T_map_grid[2])
+        reason = (
+            f"the corridor slides {reach_m:.1f} m either way: only {weak_m:.1f} m of wall hold it along its length, "
+            f"{rule.least_weak_m:g} m are needed"
         )
-    if probability >= rule.accept:
-        return None
-    words = f"{wall_m:.0f} m of wall agree, {conflict_m:.0f} m contradict, acceptance index "
-    words += f"{weighed.evidence.omega[weighed.best]:.3f}"
-    return f"not sure enough: probability {probability:.2f}, {rule.accept:g} is needed ({words})"
+        return replace(found, accepted=False, reason=reason, slide=(direction, reach_m))
+    if probability < rule.accept:
+        reason = (
+            f"not sure enough: probability {probability:.2f}, {rule.accept:g} is needed ({wall_m:.0f} m of wall agree, "
+            f"{conflict_m:.1f} m contradict, acceptance index {found.acceptance:.3f})"
+        )
+        return replace(found, accepted=False, reason=reason)
+    return found
 
 
 def _strongest_rival(weighed: Weighed) -> int | None:
@@ -184,20 +169,33 @@ def _strongest_rival(weighed: Weighed) -> int | None:
     return int(others[np.argmax(weighed.probability[others])]) if len(others) else None
 
 
+def _toss_in_words(weighed: Weighed, rival: int) -> str:
+    """Return why the best place is not better than a rival."""
+    best, other = weighed.pool.poses[weighed.best], weighed.pool.poses[rival]
+    middle = weighed.b.probe.points.mean(axis=0)
+    apart = se2.transform_points(best, middle) - se2.transform_points(other, middle)
+    turned = abs(math.degrees(float(se2.wrap_angle(best[2] - other[2]))))
+    return (
+        f"ambiguous: another place, {math.hypot(*apart):.1f} m away and turned by {turned:.0f} deg, fits about as well "
+        f"({weighed.probability[weighed.best]:.0%} against {weighed.probability[rival]:.0%})"
+    )
+
+
 def slide(weighed: Weighed) -> tuple[float, float]:
-    """Return how far in m the best hypothesis can be moved along its weakest direction before walls object."""
-    best, forth = weighed.pool.poses[weighed.best], weighed.evidence.b_on_a
-    direction = float(forth.weak_direction[weighed.best])
-    steps = np.arange(-80, 81) * 0.25
+    """Return the weakest direction in grid a's frame in rad, and how far in m the best hypothesis can move along it
+    before walls object: the way that is shorter.
+    """
+    best = weighed.pool.poses[weighed.best]
+    direction = float(weighed.evidence.b_on_a.weak_direction[weighed.best])
+    steps = np.arange(-_SLIDE_STEPS, _SLIDE_STEPS + 1) * _SLIDE_STEP_M
     shifted = np.repeat(best[np.newaxis], len(steps), axis=0)
     shifted[:, 0] += steps * math.cos(direction)
     shifted[:, 1] += steps * math.sin(direction)
     cell_m = max(weighed.a.walls.resolution_m, weighed.b.walls.resolution_m)
     net = net_metres(weighed.a.surface, weighed.b.probe, shifted, cell_m)[:, 1]
-    good = net >= 0.7 * net[80]
-    ahead = int(np.argmin(np.append(good[80:], False)))
-    back = int(np.argmin(np.append(good[80::-1], False)))
-    return 0.25 * max(back - 1, 0), 0.25 * max(ahead - 1, 0)
+    good = net >= _SLIDE_KEEPS * net[_SLIDE_STEPS]
+    ways = (np.append(good[_SLIDE_STEPS:], False), np.append(good[_SLIDE_STEPS::-1], False))
+    return direction, _SLIDE_STEP_M * max(min(int(np.argmin(way)) for way in ways) - 1, 0)
 
 
 def _alternatives(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> tuple[Alternative, ...]:

@@ -24,8 +24,8 @@ def rooms() -> np.ndarray:
     return cells
 
 
-def seen(cells: np.ndarray, origin: np.ndarray = np.zeros(3)) -> WallMap:
-    return wall_map(OccupancyGrid(3.0 * cells, CELL_M, origin), free_below=-0.62)
+def seen(cells: np.ndarray) -> WallMap:
+    return wall_map(OccupancyGrid((3.0 * cells).astype(np.float32), CELL_M, np.zeros(3)), free_below=-0.62)
 
 
 def turned(cells: np.ndarray, T_new_old: np.ndarray, shape: tuple[int, int]) -> np.ndarray:

@@ -106,7 +106,7 @@ def test_limits_grow_with_coarse_cells():
 def test_cells_are_compared_by_area():
     walls = room()
     rows, cols = np.nonzero(walls.states != 0)
-    cells = (np.column_stack([cols, rows]) + 0.5) * CELL_M
+    cells = np.asarray((np.column_stack([cols, rows]) + 0.5) * CELL_M, dtype=np.float64)
     own = walls.states[rows, cols]
     free, wall, one_each = compare_cells(surface_of(walls, outline_of(walls)), cells, own, CELL_M**2, HERE)
     assert free[0] == pytest.approx(np.count_nonzero(own == FREE) * CELL_M**2)
