@@ -81,6 +81,9 @@ TRENDS: dict[str, int] = {
     "rival_wide": -1,
     "lead_wide": 1,
     "rivals_wide": -1,
+    "sharpness": 0,
+    "against_share_middle": -1,
+    "against_share_wide": -1,
 }
 
 
@@ -149,6 +152,9 @@ def _own(a: SurveyedMap, b: SurveyedMap, forth: Agreements, back: Agreements) ->
     for level, name in enumerate(("middle", "wide")):
         features[f"log_worst_{name}"] = np.log1p(np.maximum(forth.worst[:, level], back.worst[:, level]))
         features[f"log_against_{name}"] = np.log1p(forth.against[:, level] + back.against[:, level])
+    features["sharpness"] = (forth.parallel[:, 0] + back.parallel[:, 0]) / np.maximum(parallel, 0.2)
+    for level, name in enumerate(("middle", "wide")):
+        features[f"against_share_{name}"] = _share(forth.against[:, level] + back.against[:, level], parallel)
     features["log_good_lines"] = np.log1p(forth.good_lines + back.good_lines)
     features["log_bad_lines"] = np.log1p(forth.bad_lines + back.bad_lines)
     features["good_line_share"] = _share(forth.good_lines + back.good_lines, forth.bad_lines + back.bad_lines)
