@@ -25,8 +25,10 @@ _PARALLEL = math.cos(math.radians(30.0))
 _BLOCK_M = 2.0
 _BLOCK_LEAST_M = 0.5
 _BLOCK_AGREES, _BLOCK_FAILS = 0.7, 0.3
+_LINE_RAD, _LINE_M = math.radians(15.0), 0.5  # walls so much alike in direction and place are one line
+_LINE_LEAST_M = 0.75
 _NEAR_KNOWN = 3
-_COUNTS = 19
+_COUNTS = 27
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,12 +45,17 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Probe:
-    """Points (N, 2) of a map's outline to try on the other, their lengths (N,) in m, normals (N, 2), blocks of 2 m."""
+    """Points (N, 2) of a map's outline to try on the other, their lengths (N,) in m and normals (N, 2).
+
+    blocks, lines (N,): number of the 2 m block that a point is in, and of the straight line that it is part of, -1 for
+    none.
+    """
 
     points: FloatArray
     lengths: FloatArray
     normals: FloatArray
     blocks: NDArray[np.int64]
+    lines: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +66,10 @@ class Agreements:
     hits at the two narrower tolerances run along the other map's wall; crossing (K,) run across it; weak, strong (K,):
     metres of parallel wall, by how well they hold the pose in its least and its best held direction; turning (K,): how
     well they hold the angle, in m^3; good, bad (K,): blocks of 2 m that agree and that contradict. hit_gap (K,): rms
-    distance in m of the hits at the middle tolerance.
+    distance in m of the hits at the middle tolerance. worst (K, 2): metres in the block that contradicts most, at the
+    middle and the wide tolerance; against (K, 2): contradicting metres of straight wall alone; good_lines, bad_lines
+    (K,): straight lines that agree and that contradict; variety (K,): over how many lines the agreeing wall is spread
+    (exponential of the entropy); rough (K,): agreeing metres without a direction, of corners and furniture.
     """
 
     known: FloatArray
@@ -74,6 +84,12 @@ class Agreements:
     good: FloatArray
     bad: FloatArray
     hit_gap: FloatArray
+    worst: FloatArray
+    against: FloatArray
+    good_lines: FloatArray
+    bad_lines: FloatArray
+    variety: FloatArray
+    rough: FloatArray
 
 
 def surface_of(walls: WallMap, outline: Outline) -> Surface:
@@ -102,19 +118,21 @@ def probe_of(outline: Outline, most: int) -> Probe:
     lengths = outline.lengths[chosen] * (outline.lengths.sum() / max(outline.lengths[chosen].sum(), 1e-9))
     squares = np.floor(outline.points[chosen] / _BLOCK_M).astype(np.int64)
     _, blocks = np.unique(squares, axis=0, return_inverse=True)
-    return Probe(outline.points[chosen], lengths, outline.normals[chosen], blocks.reshape(-1).astype(np.int64))
+    points, normals = outline.points[chosen], outline.normals[chosen]
+    return Probe(points, lengths, normals, blocks.reshape(-1).astype(np.int64), _lines_of(points, normals))
 
 
 def judge_poses(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m: float) -> Agreements:
     """Count the probe's wall on the surface at poses (K, 3) of its grid; least_cell_m: cell of the coarser map."""
     tolerances = np.maximum(TOLERANCES_M, _TOLERANCE_CELLS * least_cell_m)
     violations = np.maximum(VIOLATIONS_M, _VIOLATION_CELLS * least_cell_m)
-    blocks = int(probe.blocks.max()) + 1 if len(probe.blocks) else 0
+    blocks, lines = (int(each.max(initial=-1)) + 1 for each in (probe.blocks, probe.lines))
     counts = np.zeros((len(poses), _COUNTS))
     walls = surface.walls
     _count_all(
         walls.distances, surface.seen, surface.directions, walls.resolution_m, probe.points, probe.lengths,
-        probe.normals, probe.blocks, blocks, np.ascontiguousarray(poses), tolerances, violations, counts,
+        probe.normals, probe.blocks, blocks, probe.lines, lines, np.ascontiguousarray(poses), tolerances, violations,
+        counts,
     )  # fmt: skip
     half_sum, half_gap = 0.5 * (counts[:, 10] + counts[:, 12]), 0.5 * (counts[:, 10] - counts[:, 12])
     spread = np.hypot(half_gap, counts[:, 11])
@@ -132,6 +150,12 @@ def judge_poses(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m:
         good=counts[:, 14],
         bad=counts[:, 15],
         hit_gap=np.sqrt(counts[:, 16] / np.maximum(counts[:, 2], 1e-9)),
+        worst=counts[:, 19:21],
+        against=counts[:, 21:23],
+        good_lines=counts[:, 23],
+        bad_lines=counts[:, 24],
+        variety=np.exp(counts[:, 25]),
+        rough=counts[:, 26],
     )
 
 
@@ -146,6 +170,20 @@ def compare_cells(
     _compare_all(walls.states, walls.resolution_m, cells, states, np.ascontiguousarray(poses), counts)
     counts *= area_m2
     return counts[:, 0], counts[:, 1], counts[:, 2]
+
+
+def _lines_of(points: FloatArray, normals: FloatArray) -> NDArray[np.int64]:
+    """Return the number of the straight line (N,) that points with a normal belong to, by direction and distance."""
+    angle = np.arctan2(normals[:, 1], normals[:, 0])
+    turned = np.where(angle < 0.0, -1.0, 1.0)[:, np.newaxis]  # a line has no side
+    direction = np.floor((angle % np.pi) / _LINE_RAD)
+    middle = points.mean(axis=0) if len(points) else np.zeros(2)
+    place = np.floor(((points - middle) * normals * turned).sum(axis=1) / _LINE_M)
+    straight = (normals != 0.0).any(axis=1)
+    _, numbers = np.unique(np.column_stack([direction, place])[straight], axis=0, return_inverse=True)
+    lines = np.full(len(points), -1, np.int64)
+    lines[straight] = numbers.reshape(-1)
+    return lines
 
 
 def _turning(counts: FloatArray) -> FloatArray:
@@ -174,6 +212,8 @@ def _count_all(
     normals: FloatArray,
     blocks: NDArray[np.int64],
     block_count: int,
+    lines: NDArray[np.int64],
+    line_count: int,
     poses: FloatArray,
     tolerances: FloatArray,
     violations: FloatArray,
@@ -181,13 +221,15 @@ def _count_all(
 ) -> None:
     """Fill counts (K, _COUNTS), see judge_poses; block sums are kept for one pose at a time."""
     rows, cols = distances.shape
-    agreeing, contradicting = np.zeros(block_count), np.zeros(block_count)
+    agreeing, contradicting, far_off = np.zeros(block_count), np.zeros(block_count), np.zeros(block_count)
+    line_agreeing, line_contradicting = np.zeros(line_count), np.zeros(line_count)
     cosines, sines = np.empty(255), np.empty(255)
     for n in range(255):
         cosines[n], sines[n] = math.cos(n * math.pi / 254.0), math.sin(n * math.pi / 254.0)
     for k in range(poses.shape[0]):
         count = counts[k]
-        agreeing[:], contradicting[:] = 0.0, 0.0
+        agreeing[:], contradicting[:], far_off[:] = 0.0, 0.0, 0.0
+        line_agreeing[:], line_contradicting[:] = 0.0, 0.0
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         for n in range(points.shape[0]):
             x = poses[k, 0] + cos * points[n, 0] - sin * points[n, 1]
@@ -204,6 +246,13 @@ def _count_all(
                     count[4 + level] += length
             if d > violations[1] and seen[row, col] == FREE:
                 contradicting[blocks[n]] += length
+                if lines[n] >= 0:
+                    line_contradicting[lines[n]] += length
+                    count[21] += length
+                if d > violations[2]:
+                    far_off[blocks[n]] += length
+                    if lines[n] >= 0:
+                        count[22] += length
             if d > tolerances[1]:
                 continue
             count[16] += length * d * d
@@ -211,6 +260,8 @@ def _count_all(
             nx, ny = cos * normals[n, 0] - sin * normals[n, 1], sin * normals[n, 0] + cos * normals[n, 1]
             if code == 255 or (nx == 0.0 and ny == 0.0):
                 agreeing[blocks[n]] += length
+                if d <= tolerances[0]:
+                    count[26] += length
                 continue
             across = abs(nx * cosines[code] + ny * sines[code])
             if across < 0.5:
@@ -220,6 +271,8 @@ def _count_all(
             if across < _PARALLEL:
                 continue
             count[8] += length
+            if lines[n] >= 0:
+                line_agreeing[lines[n]] += length
             if d <= tolerances[0]:
                 count[7] += length
             count[10] += length * nx * nx
@@ -229,7 +282,17 @@ def _count_all(
             count[13] += length * turn * turn
             count[17] += length * turn * nx
             count[18] += length * turn * ny
+        total = line_agreeing.sum()
+        for n in range(line_count):
+            if line_agreeing[n] >= _LINE_LEAST_M and line_agreeing[n] > line_contradicting[n]:
+                count[23] += 1.0
+            elif line_contradicting[n] >= _LINE_LEAST_M:
+                count[24] += 1.0
+            if line_agreeing[n] > 0.0:
+                count[25] -= line_agreeing[n] / total * math.log(line_agreeing[n] / total)
         for n in range(block_count):
+            count[19] = max(count[19], contradicting[n])
+            count[20] = max(count[20], far_off[n])
             judged = agreeing[n] + contradicting[n]
             if judged >= _BLOCK_LEAST_M:
                 if agreeing[n] >= _BLOCK_AGREES * judged:
