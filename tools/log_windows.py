@@ -27,7 +27,7 @@ _COARSE_M = 0.2
 _LEAST_FREE_M2, _LEAST_COMMON_M2 = 40.0, 15.0
 _SHORTEST_M, _SHORTEST_SHARE, _LONGEST_M, _LONGEST_SHARE = 25.0, 0.08, 250.0, 0.45
 TRIES = 3000
-_SPARSE_M = 0.4  # between the scans that a window is judged by, where there are more
+_SPARSE_M = 1.0  # between the scans that a window is judged by, where there are more
 _CAMERA_REACH_M, _CAMERA_HALF_ANGLE_RAD, _CAMERA_NOISE = 5.0, np.radians(35.0), 0.003  # noise: sigma = that r^2
 
 

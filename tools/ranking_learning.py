@@ -127,7 +127,7 @@ def score_of(ranking: Ranking, pool: HypothesisPool) -> tuple[float, bool]:
 
 def instructive(pool: HypothesisPool) -> NDArray[np.bool_]:
     """Return which hypotheses (K,) are learned from: the right ones, and those that a simple count would put first."""
-    chosen = pool.right.copy()
+    chosen: NDArray[np.bool_] = pool.right.copy()
     for name in _TEMPTING:
         column = pool.features[:, list(TRENDS).index(name)]
         chosen[np.argsort(-column, kind="stable")[:_TEMPTING_EACH]] = True

@@ -62,7 +62,7 @@ def registration(
     from contextlib import ExitStack
     from functools import partial
 
-    from tools.registration_evaluation import Register, chosen_pairs, evaluate_registration, register_by
+    from tools.registration_evaluation import chosen_pairs, evaluate_registration, register_by
     from tools.registration_scores import failure_lines, table_of
     from tools.results import Report, check_run_folder, new_run_folder, writing_to
 

@@ -51,6 +51,7 @@ def pairs(
             metavar="DIR", help="Instead of SOURCEs: the set of about 950 pairs from this folder of data sets."
         ),
     ] = None,
+    tries: Annotated[int, typer.Option(min=1, help="Random windows to look at, a SOURCE.")] = 3000,
     join: Annotated[
         list[Path] | None,
         typer.Option(
@@ -90,7 +91,7 @@ def pairs(
         else:
             none = [None] * len(chosen)
             drives = [Drive(*each) for each in zip(chosen, tracks or none, names or none, strict=True)]
-            plan = WindowPlan(windows, wrong, tuple(kinds.split(",")))
+            plan = WindowPlan(windows, wrong, tuple(kinds.split(",")), tries)
             made = recorded_pairs(folder / "maps", drives, plan, others or [], seed, jobs, log.info)
             origin = ", ".join(source.name for source in chosen)
         write_pairs(folder, made, origin)
