@@ -76,7 +76,9 @@ def held_out_scores(
         kept = [pool for pool in pools if left_out.isdisjoint(pool.buildings)]
         if not any(pool.right.any() for pool in kept):
             continue
-        ranking = rankings[left_out] = ranking_from(_stored(_classifier(kept, growth), ""))
+        ranking = rankings[left_out] = ranking_from(
+            _stored(_classifier(kept, growth), f"without {', '.join(sorted(left_out))}")
+        )
         judged += [(pool, *score_of(ranking, pool)) for pool in inside]
     if len({right for _, _, right in judged}) < 2:
         buildings = len({name for pool in pools for name in pool.buildings})
