@@ -23,7 +23,7 @@ from tools.pair_files import RIGHT_M, PairTruth
 FloatArray = NDArray[np.float64]
 BENT_RIGHT_DEG = 4.0
 _WAVES, _WAVELENGTHS_M = 6, (12.0, 60.0)
-_RMS_M, _MILD_SHARE = (0.03, 0.5), 0.3
+_RMS_M, _MILD_SHARE = (0.05, 0.8), 0.3
 _SHORT_OF_REACH, _BEYOND_REACH = 0.999, 1.02  # a return stays a return where the field stretches its beam, none none
 _TRUTH_CELL_M = 0.1
 
@@ -58,7 +58,7 @@ def draw_field(random: np.random.Generator, rms_m: float) -> BendingField:
 
 
 def draw_field_pair(random: np.random.Generator) -> tuple[BendingField, BendingField]:
-    """Return the fields of two maps: 0.03 to 0.5 m rms each, in every second pair 0.3 of that."""
+    """Return the fields of two maps: 0.05 to 0.8 m rms each, in every second pair 0.3 of that."""
     rms_m = random.uniform(*_RMS_M, 2) * (_MILD_SHARE if random.random() < 0.5 else 1.0)
     return draw_field(random, float(rms_m[0])), draw_field(random, float(rms_m[1]))
 

@@ -84,8 +84,7 @@ def test_it_never_falls_where_the_evidence_rises(ranking):
         assert (rises >= -1e-9).all()
 
 
-def test_the_file_ranks_as_the_trees_that_it_was_made_from(ranking, pools):
-    """Sharp net wall tells nothing here, net wall in the middle all."""
+def test_right_hypotheses_have_better_odds_than_wrong_ones(ranking, pools):
     table = np.vstack([pool.features for pool in pools])
     right = np.concatenate([pool.right for pool in pools])
     odds = ranking.log_odds(dict(zip(NAMES, table.T, strict=True)))
