@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO_ARGS ?=
 TEST_ARGS ?=
+# Processes that share the tests; 0: this one alone, for a debugger.
+TEST_JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # The build backend comes from the same pins (the name of this setting depends on pip's version).
 export PIP_CONSTRAINT := constraints.txt
@@ -39,7 +41,7 @@ test: $(VENV)/setup-test ## set up, then run every check and the tests (TEST_ARG
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(CHECK_TYPES)
-	$(BIN)/pytest $(TEST_ARGS)
+	$(BIN)/pytest -n $(TEST_JOBS) --dist worksteal $(TEST_ARGS)
 
 lint: $(VENV)/setup-test ## the checks without the tests
 	$(BIN)/ruff format --check .

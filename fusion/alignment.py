@@ -32,7 +32,9 @@ class Alignment:
     On refusal it is the best hypothesis, or None. inliers is None where no features were matched; acceptance is omega
     (3.15); overlap, see verification. probability and covariance (3, 3), of x and y in m and yaw in rad as T_a_b has
     them, are None where the method does not tell. scale, only where it was estimated, is how many cells of map a the
-    matches say that a cell of map b is.
+    matches say that a cell of map b is. ambiguous: refused because another place fits as well. common_wall_m,
+    conflict_m: metres of wall that both maps show in one place, and that stand in the other's free space. slide:
+    direction in map a's frame in rad, and metres, in which the pose is loose.
     """
 
     T_a_b: FloatArray | None
@@ -45,6 +47,10 @@ class Alignment:
     covariance: FloatArray | None = None
     alternatives: tuple[Alternative, ...] = ()
     scale: float | None = None
+    ambiguous: bool = False
+    common_wall_m: float | None = None
+    conflict_m: float | None = None
+    slide: tuple[float, float] | None = None
 
     def inverse(self) -> Alignment:
         """Return the same verdict for the maps in exchanged order: the pose of map a's frame in map b's."""
@@ -58,7 +64,13 @@ class Alignment:
             covariance=covariance,
             alternatives=tuple(each.inverse() for each in self.alternatives),
             scale=None if self.scale is None else 1.0 / self.scale,
+            slide=self._slide_in_b(),
         )
+
+    def _slide_in_b(self) -> tuple[float, float] | None:
+        if self.slide is None or self.T_a_b is None:
+            return None
+        return float(self.slide[0] - self.T_a_b[2]), self.slide[1]
 
 
 def inverse_jacobian(pose: FloatArray) -> FloatArray:

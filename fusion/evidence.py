@@ -16,6 +16,73 @@ FloatArray = NDArray[np.float64]
 DIFFERENT_M, DIFFERENT_RAD = 1.0, np.radians(8.0)  # poses farther apart are two places
 _CONFLICT = 2.0
 
+# The features, and how the probability may follow each: rise with it (1), fall (-1), or either (0).
+TRENDS: dict[str, int] = {
+    "log_hits_sharp": 1,
+    "log_conflicts_sharp": -1,
+    "hit_share_sharp": 1,
+    "least_hit_share_sharp": 1,
+    "clean_sharp": 1,
+    "least_clean_sharp": 1,
+    "net_sharp": 1,
+    "log_hits_middle": 1,
+    "log_conflicts_middle": -1,
+    "hit_share_middle": 1,
+    "least_hit_share_middle": 1,
+    "clean_middle": 1,
+    "least_clean_middle": 1,
+    "net_middle": 1,
+    "log_hits_wide": 1,
+    "log_conflicts_wide": -1,
+    "hit_share_wide": 1,
+    "least_hit_share_wide": 1,
+    "clean_wide": 1,
+    "least_clean_wide": 1,
+    "net_wide": 1,
+    "log_parallel_sharp": 1,
+    "log_parallel_middle": 1,
+    "parallel_share": 1,
+    "crossing_share": -1,
+    "log_weak": 1,
+    "log_least_weak": 1,
+    "log_turning": 1,
+    "log_good_blocks": 1,
+    "log_bad_blocks": -1,
+    "good_block_share": 1,
+    "log_worst_middle": -1,
+    "log_against_middle": -1,
+    "log_worst_wide": -1,
+    "log_against_wide": -1,
+    "log_good_lines": 1,
+    "log_bad_lines": -1,
+    "good_line_share": 1,
+    "least_variety": 1,
+    "log_rough": 1,
+    "hit_gap": -1,
+    "log_known": 0,
+    "known_share": 0,
+    "log_smaller_wall": 0,
+    "omega": 1,
+    "log_odds_omega": -1,
+    "log_common_free": 0,
+    "common_free_share": 0,
+    "log_disagreeing": -1,
+    "log_matches": 1,
+    "matches_of_best": 1,
+    "net_of_best_sharp": 1,
+    "rival_sharp": -1,
+    "lead_sharp": 1,
+    "rivals_sharp": -1,
+    "net_of_best_middle": 1,
+    "rival_middle": -1,
+    "lead_middle": 1,
+    "rivals_middle": -1,
+    "net_of_best_wide": 1,
+    "rival_wide": -1,
+    "lead_wide": 1,
+    "rivals_wide": -1,
+}
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
@@ -108,8 +175,6 @@ def _areas(
 
 def _search(pool: Pool) -> dict[str, FloatArray]:
     return {
-        "score": pool.score,
-        "votes": pool.votes,
         "log_matches": np.log1p(pool.matches),
         "matches_of_best": pool.matches / max(float(pool.matches.max()), 1.0),
     }
@@ -120,7 +185,10 @@ def _rivals(forth: Agreements, back: Agreements, pool: Pool, b: SurveyedMap) -> 
     different = different_places(pool.poses, b)
     features: dict[str, FloatArray] = {}
     for level, name in enumerate(("sharp", "middle", "wide")):
-        net = np.maximum(0.0, 0.5 * (forth.hits + back.hits)[:, level] - 0.5 * _CONFLICT * (forth.conflicts + back.conflicts)[:, level])
+        net = np.maximum(
+            0.0,
+            0.5 * (forth.hits + back.hits)[:, level] - 0.5 * _CONFLICT * (forth.conflicts + back.conflicts)[:, level],
+        )
         best = max(net.max(), 0.1)
         rival = np.where(different, net[np.newaxis, :], 0.0).max(axis=1)
         features[f"net_of_best_{name}"] = net / best

@@ -11,17 +11,25 @@ from fusion.feature_places import Matches, agreeing_matches, feature_places, mat
 from fusion.survey import SurveyedMap
 from mapping import se2
 from mapping.layer_correlation import Shifts, coarse_layers, correlate
-from mapping.map_agreement import Agreements, judge_poses
+from mapping.map_agreement import net_metres
 from mapping.map_matching import refine_each
 
 FloatArray = NDArray[np.float64]
 _ROUGH_SCALES_M = (0.5, 0.5, 0.4, 0.4, 0.35, 0.3, 0.3, 0.25, 0.25, 0.25)
 _FINE_SCALES_M = tuple(0.4 * 0.25 ** (step / 19.0) for step in range(20))
+_RAW_APART_M, _RAW_APART_RAD = 1.0, np.radians(6.0)  # places of the search that are told apart
+_APART_M, _APART_RAD = 0.5, np.radians(4.0)  # and after a rough refinement
+_SAME_M, _SAME_RAD = 0.4, np.radians(3.0)  # refined places that are one
 
 
 @dataclass(frozen=True, slots=True)
 class SearchSettings:
-    """cell_m, cells: the search's cell is at least cell_m, and so large that the maps span about `cells` of them."""
+    """How thoroughly to look.
+
+    The search's cell is at least cell_m, and so large that the maps span about `cells` of them. Of peaks_per_turn
+    places in each of `turns` rotations the best `raw` are refined roughly and the best `kept` of those fully.
+    common_free: weight of common free space beside common wall; large wholes need much of it, small overlaps little.
+    """
 
     cell_m: float = 0.1
     cells: int = 320
@@ -29,99 +37,108 @@ class SearchSettings:
     peaks_per_turn: int = 3
     raw: int = 200
     kept: int = 48
+    common_free: float = 0.05
+
+
+FAST = SearchSettings()
+DEEP = SearchSettings(cells=640, peaks_per_turn=6, raw=700, kept=64, common_free=0.02)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pool:
-    """K refined poses (K, 3) of grid b in grid a's frame, and for each how often the search came to it.
-
-    score (K,): best correlation, as a share of the best of all; votes (K,): raw places that ended there; matches (K,):
-    feature matches that agree.
-    """
+    """Refined poses (K, 3) of grid b in grid a's frame, and how many feature matches agree with each (K,)."""
 
     poses: FloatArray
-    score: FloatArray
-    votes: FloatArray
     matches: FloatArray
 
 
-def find_hypotheses(a: SurveyedMap, b: SurveyedMap, settings: SearchSettings, seed: int = 0) -> Pool:
-    """Return the refined places of map b on map a, most promising first."""
-    extent = max(a.walls.states.shape) * a.walls.resolution_m + np.hypot(*b.walls.states.shape) * b.walls.resolution_m
-    cell_m = max(settings.cell_m, a.walls.resolution_m, b.walls.resolution_m, extent / settings.cells)
-    shifts = correlate(
-        coarse_layers(a.walls, cell_m),
-        coarse_layers(b.walls, cell_m),
-        turns=settings.turns,
-        peaks_per_turn=settings.peaks_per_turn,
-    )
-    middle = np.array([*b.rough.points.mean(axis=0), 0.0])
-    poses, scores = _distinct(shifts, middle, settings.raw, 1.0, np.radians(6.0))
-    centred = se2.compose(poses, middle)
-    matches = match_maps(a, b)
-    by_features = se2.compose(feature_places(matches, seed), middle)
-    centred = np.vstack([by_features, centred])
-    scores = np.concatenate([np.zeros(len(by_features)), scores])
-    refined = np.vstack([centred, refine_each(a.walls, b.rough.points - middle[:2], centred, _ROUGH_SCALES_M)])
-    least_cell_m = max(a.walls.resolution_m, b.walls.resolution_m)
-    found = judge_poses(a.surface, b.rough, se2.compose(refined, se2.inverse(middle)), least_cell_m)
-    return _pool(a, b, refined, np.concatenate([scores, scores]), found, middle, settings, matches)
-
-
-def _pool(
+def find_hypotheses(
     a: SurveyedMap,
     b: SurveyedMap,
-    centred: FloatArray,
-    scores: FloatArray,
-    found: Agreements,
-    middle: FloatArray,
-    settings: SearchSettings,
     matches: Matches,
+    settings: SearchSettings,
+    *,
+    seed: int,
+    earlier: Pool | None = None,
 ) -> Pool:
-    """Refine the most promising places fully."""
-    merit = found.hits[:, 1] - 2.0 * found.conflicts[:, 1]
-    strict = found.hits[:, 0] - 2.0 * found.conflicts[:, 0]
-    free = found.hits[:, 2] - 2.0 * found.conflicts[:, 2]
-    chosen: list[int] = []
-    agreeing = agreeing_matches(matches, se2.compose(centred, se2.inverse(middle)))
-    orders = [np.argsort(-value, kind="stable") for value in (merit, strict, free, scores, agreeing)]
-    for rank in range(len(centred)):
-        for order in orders:
-            n = int(order[rank])
-            if n not in chosen and not _is_near(centred[n], centred[chosen], 0.5, np.radians(4.0)):
-                chosen.append(n)
-        if len(chosen) >= settings.kept:
-            break
-    fine = refine_each(a.walls, b.probe.points - middle[:2], centred[chosen], _FINE_SCALES_M)
+    """Return refined places of map b on map a, those of an earlier pool among them.
+
+    Both maps must have walls and free space.
+    """
+    middle = np.array([*b.rough.points.mean(axis=0), 0.0])
+    shifts = _search(a, b, settings)
+    raw = [feature_places(matches, seed), _distinct(shifts, middle, settings.raw)]
+    if earlier is not None:
+        raw.insert(0, earlier.poses)
+    centred = se2.compose(np.vstack(raw), middle)
+    refined = refine_each(a.walls, b.rough.points - middle[:2], centred, _ROUGH_SCALES_M)
+    promising = _promising(a, b, np.vstack([centred, refined]), middle, matches, settings.kept)
+    fine = refine_each(a.walls, b.probe.points - middle[:2], promising, _FINE_SCALES_M)
     fine[:, 2] = se2.wrap_angle(fine[:, 2])
     kept: list[int] = []
-    votes = np.ones(len(fine))
     for n in range(len(fine)):
-        near = [k for k in kept if _is_near(fine[n], fine[[k]], 0.4, np.radians(3.0))]
-        if near:
-            votes[near[0]] += 1.0
-        else:
+        if not _is_near(fine[n], fine[kept], _SAME_M, _SAME_RAD):
             kept.append(n)
     poses = se2.compose(fine[kept], se2.inverse(middle))
-    share = scores[np.array(chosen)[kept]] / max(float(scores.max()), 1e-9)
-    return Pool(poses, share, votes[kept], agreeing_matches(matches, poses))
+    return Pool(poses, agreeing_matches(matches, poses))
 
 
-def _is_near(pose: FloatArray, others: FloatArray, within_m: float, within_rad: float) -> bool:
-    apart = np.hypot(*(others[:, :2] - pose[:2]).T)
-    turned = np.abs(se2.wrap_angle(others[:, 2] - pose[2]))
-    return bool(((apart <= within_m) & (turned <= within_rad)).any())
+def match_features(a: SurveyedMap, b: SurveyedMap) -> Matches:
+    """Return the feature matches that `find_hypotheses` takes; they are the same for every search."""
+    return match_maps(a, b)
 
 
-def _distinct(
-    shifts: Shifts, middle: FloatArray, most: int, apart_m: float, apart_rad: float
-) -> tuple[FloatArray, FloatArray]:
+def _search(a: SurveyedMap, b: SurveyedMap, settings: SearchSettings) -> Shifts:
+    """Correlate the layers of both maps."""
+    extent_m = max(a.walls.states.shape) * a.walls.resolution_m + float(
+        np.hypot(*b.walls.states.shape) * b.walls.resolution_m
+    )
+    cell_m = max(settings.cell_m, a.walls.resolution_m, b.walls.resolution_m, extent_m / settings.cells)
+    layers = coarse_layers(a.walls, cell_m), coarse_layers(b.walls, cell_m)
+    return correlate(
+        *layers,
+        turns=settings.turns,
+        peaks_per_turn=settings.peaks_per_turn,
+        common_free=settings.common_free,
+    )
+
+
+def _distinct(shifts: Shifts, middle: FloatArray, most: int) -> FloatArray:
     """Return the best shifts without those that are one place at map b's middle."""
     centres = se2.compose(shifts.poses, middle)
     chosen: list[int] = []
     for n in range(len(centres)):
-        if not _is_near(centres[n], centres[chosen], apart_m, apart_rad):
+        if not _is_near(centres[n], centres[chosen], _RAW_APART_M, _RAW_APART_RAD):
             chosen.append(n)
             if len(chosen) == most:
                 break
-    return shifts.poses[chosen], shifts.scores[chosen]
+    return shifts.poses[chosen]
+
+
+def _promising(
+    a: SurveyedMap, b: SurveyedMap, centred: FloatArray, middle: FloatArray, matches: Matches, most: int
+) -> FloatArray:
+    """Return the best of roughly refined places by several measures in turn: no single one is best everywhere."""
+    poses = se2.compose(centred, se2.inverse(middle))
+    net = net_metres(a.surface, b.rough, poses, max(a.walls.resolution_m, b.walls.resolution_m))
+    measures = (net[:, 1], net[:, 0], net[:, 2], -np.arange(len(poses)), agreeing_matches(matches, poses))
+    orders = [np.argsort(-measure, kind="stable") for measure in measures]
+    chosen: list[int] = []
+    for ranked in zip(*orders, strict=True):
+        for n in map(int, ranked):
+            if n not in chosen and not _is_near(centred[n], centred[chosen], _APART_M, _APART_RAD):
+                chosen.append(n)
+        if len(chosen) >= most:
+            break
+    return centred[chosen]
+
+
+def _is_near(pose: FloatArray, others: FloatArray, within_m: float, within_rad: float) -> bool:
+    """Whether one of other poses (K, 3) is as good as the same."""
+    near = (np.abs(others[:, :2] - pose[:2]) <= within_m).all(axis=1)
+    if not near.any():
+        return False
+    close = others[near]
+    apart = np.hypot(close[:, 0] - pose[0], close[:, 1] - pose[1])
+    turned = np.abs((close[:, 2] - pose[2] + np.pi) % (2.0 * np.pi) - np.pi)
+    return bool(((apart <= within_m) & (turned <= within_rad)).any())

@@ -17,23 +17,27 @@ from numpy.typing import NDArray
 
 from fusion.alignment import Alignment, Alternative
 from fusion.evidence import Evidence, different_places, gather
-from fusion.hypotheses import Pool, SearchSettings, find_hypotheses
+from fusion.hypotheses import DEEP, FAST, Pool, find_hypotheses, match_features
 from fusion.identity import reference_rank
 from fusion.ranking import Ranking, probabilities, shipped_ranking
 from fusion.settling import UncertaintyModel, settle
 from fusion.survey import SurveyedMap, survey
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from mapping.map_agreement import judge_poses
+from mapping.map_agreement import net_metres
 
 FloatArray = NDArray[np.float64]
+_SLIDE_STEP_M, _SLIDE_STEPS, _SLIDE_KEEPS = 0.25, 80, 0.7
 
 
 @dataclass(frozen=True, slots=True)
 class LayeredSettings:
-    """accept: probability from which a pose is believed. least_wall_m: of wall that both maps must show in one place;
+    """What a pose must reach to be believed, and when to look harder.
+
+    accept: probability from which a pose is believed. least_wall_m: of wall that both maps must show in one place;
     least_weak_m: of it, how much must hold the pose in its weakest direction. ambiguous: share of the best one's
-    probability at which another place makes it a toss. listed: alternatives are named from this probability on.
+    probability at which another place makes it a toss. sure: below this probability a deep search follows the fast one.
+    listed: alternatives are named from this probability on, and at most most_listed.
     """
 
     accept: float = 0.9
@@ -42,15 +46,15 @@ class LayeredSettings:
     ambiguous: float = 0.3
     listed: float = 0.05
     most_listed: int = 4
-    search: SearchSettings = SearchSettings()
+    sure: float = 0.97
     uncertainty: UncertaintyModel = UncertaintyModel()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Weighed:
-    """All hypotheses of two maps with their evidence and, for each, the probability (K,) by itself; best is one's number.
+    """All hypotheses of two maps with their evidence and, for each, its probability (K,) by itself.
 
-    score: that the best is right and no other place is.
+    best: number of the most probable one; score: that it is right and no other place is.
     """
 
     a: SurveyedMap
@@ -78,89 +82,85 @@ def register_layers(
         return register_layers(b, a, settings, ranking, seed).inverse()
     rule = settings or LayeredSettings()
     weights = ranking or shipped_ranking()
-    weighed, objection = weigh(a, b, rule.search, weights, seed)
+    weighed, objection = weigh(a, b, rule, weights, seed)
     if weighed is None:
         return Alignment(None, False, objection)
     return _verdict(weighed, rule, weights)
 
 
 def weigh(
-    a: OccupancyGrid, b: OccupancyGrid, search: SearchSettings, ranking: Ranking, seed: int
+    a: OccupancyGrid, b: OccupancyGrid, rule: LayeredSettings, ranking: Ranking, seed: int
 ) -> tuple[Weighed | None, str]:
-    """Return the hypotheses with their probabilities, or None and why there cannot be any."""
+    """Return the hypotheses with their probabilities, or None and why there cannot be any.
+
+    Where a fast search leaves doubt, a deep one follows.
+    """
     maps = survey(a), survey(b)
     for surveyed, name in zip(maps, ("one", "the other"), strict=True):
         if surveyed.free_m2 == 0.0:
             return None, f"{name} map has no free cell"
         if surveyed.wall_m == 0.0:
             return None, f"{name} map has no wall beside free space: nothing to place it by"
-    pool = find_hypotheses(maps[0], maps[1], search, seed)
-    evidence = gather(maps[0], maps[1], pool)
+    matches = match_features(*maps)
+    weighed = _weighed(*maps, find_hypotheses(*maps, matches, FAST, seed=seed), ranking)
+    if ranking.calibrated(weighed.score) < rule.sure:
+        pool = find_hypotheses(*maps, matches, DEEP, seed=seed, earlier=weighed.pool)
+        weighed = _weighed(*maps, pool, ranking)
+    return weighed, ""
+
+
+def _weighed(a: SurveyedMap, b: SurveyedMap, pool: Pool, ranking: Ranking) -> Weighed:
+    """Rank a pool."""
+    evidence = gather(a, b, pool)
     probability = probabilities(ranking.log_odds(evidence.features))
     best = int(np.argmax(probability))
-    others = different_places(pool.poses, maps[1])[best]
+    others = different_places(pool.poses, b)[best]
     rival = float(probability[others].max()) if others.any() else 0.0
-    return Weighed(*maps, pool, evidence, probability, best, float(probability[best]) * (1.0 - rival)), ""
+    return Weighed(a, b, pool, evidence, probability, best, float(probability[best]) * (1.0 - rival))
 
 
 def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Alignment:
     """Return the best hypothesis, settled, and whether to believe it."""
-    a, b, best = weighed.a, weighed.b, weighed.best
+    a, b, best, evidence = weighed.a, weighed.b, weighed.best, weighed.evidence
     settled = settle(a, b, weighed.pool.poses[best], rule.uncertainty)
     probability = ranking.calibrated(weighed.score)
-    against = _objection(weighed, probability, rule)
-    reason = against or (
-        f"{_wall_m(weighed):.0f} m of wall agree and {_conflict_m(weighed):.1f} m contradict; "
-        f"no other place comes near (probability {probability:.3f})"
-    )
-    return Alignment(
+    wall_m = float(min(evidence.b_on_a.hits[best, 1], evidence.a_on_b.hits[best, 1]))
+    conflict_m = float(evidence.b_on_a.conflicts[best, 1] + evidence.a_on_b.conflicts[best, 1])
+    found = Alignment(
         _in_map_frames(a, b, settled.pose),
-        against is None,
-        reason,
+        accepted=True,
+        reason=f"{wall_m:.0f} m of wall agree and {conflict_m:.1f} m contradict, no other place comes near",
         inliers=int(weighed.pool.matches[best]),
-        acceptance=float(weighed.evidence.omega[best]),
-        overlap=weighed.evidence.overlap(best),
+        acceptance=float(evidence.omega[best]),
+        overlap=evidence.overlap(best),
         probability=probability,
         covariance=_covariance_in_map_frames(a, b, settled.pose, settled.covariance),
         alternatives=_alternatives(weighed, rule, ranking),
+        common_wall_m=wall_m,
+        conflict_m=conflict_m,
     )
-
-
-def _wall_m(weighed: Weighed) -> float:
-    """Return the metres of wall that both maps show in one place at the best hypothesis."""
-    hits = [each.hits[weighed.best, 1] for each in (weighed.evidence.b_on_a, weighed.evidence.a_on_b)]
-    return float(min(hits))
-
-
-def _conflict_m(weighed: Weighed) -> float:
-    """Return the metres of wall of either map that stand in the other's free space."""
-    return float(sum(each.conflicts[weighed.best, 1] for each in (weighed.evidence.b_on_a, weighed.evidence.a_on_b)))
-
-
-def _objection(weighed: Weighed, probability: float, rule: LayeredSettings) -> str | None:
-    """Return in words what speaks most against the best hypothesis; None if it is to be believed."""
-    wall_m, conflict_m = _wall_m(weighed), _conflict_m(weighed)
     if wall_m < rule.least_wall_m:
-        return f"only {wall_m:.1f} m of wall are seen in both maps, {rule.least_wall_m:g} m are needed"
-    weak_m = min(float(each.weak[weighed.best]) for each in (weighed.evidence.b_on_a, weighed.evidence.a_on_b))
+        reason = f"only {wall_m:.1f} m of wall are seen in both maps, {rule.least_wall_m:g} m are needed"
+        return replace(found, accepted=False, reason=reason)
     rival = _strongest_rival(weighed)
-    if rival is not None and weighed.probability[rival] > rule.ambiguous * weighed.probability[weighed.best]:
-        x, y, yaw = _in_map_frames(weighed.a, weighed.b, weighed.pool.poses[rival]).tolist()
-        return (
-            f"ambiguous: another place fits as well (x {x:.1f} m, y {y:.1f} m, {math.degrees(yaw):.0f} deg; "
-            f"{weighed.probability[rival]:.0%} against {weighed.probability[weighed.best]:.0%})"
-        )
+    if rival is not None and weighed.probability[rival] > rule.ambiguous * weighed.probability[best]:
+        return replace(found, accepted=False, ambiguous=True, reason=_toss_in_words(weighed, rival))
+    weak_m = float(min(evidence.b_on_a.weak[best], evidence.a_on_b.weak[best]))
     if weak_m < rule.least_weak_m:
-        back_m, ahead_m = slide(weighed)
-        return (
-            f"the corridor slides {back_m:.1f} m one way and {ahead_m:.1f} m the other: "
-            f"only {weak_m:.1f} m of wall hold it along its length, {rule.least_weak_m:g} m are needed"
+        direction, reach_m = slide(weighed)
+        direction += float(a.walls.T_map_grid[2])
+        reason = (
+            f"the corridor slides {reach_m:.1f} m either way: only {weak_m:.1f} m of wall hold it along its length, "
+            f"{rule.least_weak_m:g} m are needed"
         )
-    if probability >= rule.accept:
-        return None
-    words = f"{wall_m:.0f} m of wall agree, {conflict_m:.0f} m contradict, acceptance index "
-    words += f"{weighed.evidence.omega[weighed.best]:.3f}"
-    return f"not sure enough: probability {probability:.2f}, {rule.accept:g} is needed ({words})"
+        return replace(found, accepted=False, reason=reason, slide=(direction, reach_m))
+    if probability < rule.accept:
+        reason = (
+            f"not sure enough: probability {probability:.2f}, {rule.accept:g} is needed ({wall_m:.0f} m of wall agree, "
+            f"{conflict_m:.1f} m contradict, acceptance index {found.acceptance:.3f})"
+        )
+        return replace(found, accepted=False, reason=reason)
+    return found
 
 
 def _strongest_rival(weighed: Weighed) -> int | None:
@@ -169,21 +169,33 @@ def _strongest_rival(weighed: Weighed) -> int | None:
     return int(others[np.argmax(weighed.probability[others])]) if len(others) else None
 
 
+def _toss_in_words(weighed: Weighed, rival: int) -> str:
+    """Return why the best place is not better than a rival."""
+    best, other = weighed.pool.poses[weighed.best], weighed.pool.poses[rival]
+    middle = weighed.b.probe.points.mean(axis=0)
+    apart = se2.transform_points(best, middle) - se2.transform_points(other, middle)
+    turned = abs(math.degrees(float(se2.wrap_angle(best[2] - other[2]))))
+    return (
+        f"ambiguous: another place, {math.hypot(*apart):.1f} m away and turned by {turned:.0f} deg, fits about as well "
+        f"({weighed.probability[weighed.best]:.0%} against {weighed.probability[rival]:.0%})"
+    )
+
+
 def slide(weighed: Weighed) -> tuple[float, float]:
-    """Return how far in m the best hypothesis can be moved along its weakest direction before walls object."""
-    best, forth = weighed.pool.poses[weighed.best], weighed.evidence.b_on_a
-    direction = float(forth.weak_direction[weighed.best])
-    steps = np.arange(-80, 81) * 0.25
+    """Return the weakest direction in grid a's frame in rad, and how far in m the best hypothesis can move along it
+    before walls object: the way that is shorter.
+    """
+    best = weighed.pool.poses[weighed.best]
+    direction = float(weighed.evidence.b_on_a.weak_direction[weighed.best])
+    steps = np.arange(-_SLIDE_STEPS, _SLIDE_STEPS + 1) * _SLIDE_STEP_M
     shifted = np.repeat(best[np.newaxis], len(steps), axis=0)
     shifted[:, 0] += steps * math.cos(direction)
     shifted[:, 1] += steps * math.sin(direction)
     cell_m = max(weighed.a.walls.resolution_m, weighed.b.walls.resolution_m)
-    found = judge_poses(weighed.a.surface, weighed.b.probe, shifted, cell_m)
-    net = found.hits[:, 1] - 2.0 * found.conflicts[:, 1]
-    good = net >= 0.7 * net[80]
-    ahead = int(np.argmin(np.append(good[80:], False)))
-    back = int(np.argmin(np.append(good[80::-1], False)))
-    return 0.25 * max(back - 1, 0), 0.25 * max(ahead - 1, 0)
+    net = net_metres(weighed.a.surface, weighed.b.probe, shifted, cell_m)[:, 1]
+    good = net >= _SLIDE_KEEPS * net[_SLIDE_STEPS]
+    ways = (np.append(good[_SLIDE_STEPS:], False), np.append(good[_SLIDE_STEPS::-1], False))
+    return direction, _SLIDE_STEP_M * max(min(int(np.argmin(way)) for way in ways) - 1, 0)
 
 
 def _alternatives(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> tuple[Alternative, ...]:

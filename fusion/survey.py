@@ -24,9 +24,9 @@ _PROBE_POINTS, _ROUGH_POINTS, _CELLS = 3000, 800, 12_000
 class SurveyedMap:
     """A map without its unknown rim.
 
-    grid: its known cells, in the map's frame; surface to be judged against; probe to be tried on the other map, rough
-    for many trials; cells (N, 2) with states (N,) and area_m2 each, a sample of the known cells; free_m2, known_m2: all free and all known area;
-    wall_m: all visible wall.
+    surface to be judged against; probe to be tried on the other map, rough for many trials; cells (N, 2) with states
+    (N,) and cell_area_m2 each, a sample of the known cells; free_m2, known_m2: all free and all known area; wall_m: all
+    visible wall.
     """
 
     surface: Surface
@@ -57,7 +57,7 @@ def survey(grid: OccupancyGrid) -> SurveyedMap:
         surface_of(walls, outline),
         probe_of(outline, _PROBE_POINTS),
         probe_of(outline, _ROUGH_POINTS),
-        (np.column_stack([cols[chosen], rows[chosen]]) + 0.5) * walls.resolution_m,
+        np.asarray((np.column_stack([cols[chosen], rows[chosen]]) + 0.5) * walls.resolution_m, dtype=np.float64),
         walls.states[rows[chosen], cols[chosen]],
         area_m2 * len(rows) / max(len(chosen), 1),
         float(np.count_nonzero(walls.states == FREE)) * area_m2,

@@ -23,7 +23,7 @@ from mapping.wall_map import FREE, WALL, WallMap
 
 FloatArray = NDArray[np.float64]
 Layer = NDArray[np.float32]
-_CONFLICT, _COMMON_FREE = 1.0, 0.05  # w_c, w_f
+_CONFLICT = 1.0  # w_c
 _BLUR_CELLS = 0.8
 _WALL_SHARE, _CLEAR_CELLS = 0.2, 1.9  # free cells count farther than this from a cell with that much wall
 _CLEARED = 4  # cells around a peak that no second peak may lie in
@@ -58,10 +58,10 @@ def coarse_layers(walls: WallMap, cell_m: float) -> Layers:
     return Layers(occupied, free, cell_m)
 
 
-def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int) -> Shifts:
+def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int, common_free: float = 0.05) -> Shifts:
     """Return the best shifts of every one of `turns` rotations of b, an even number, all in one list.
 
-    Both must have the same cell_m. Memory grows with the area of both, time with turns times that.
+    Both must have the same cell_m; common_free is w_f. Memory grows with the area of both, time with turns times that.
     """
     side = math.ceil(math.hypot(*b.wall.shape)) + 2
     rows, cols = a.wall.shape
@@ -69,7 +69,7 @@ def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int) -> Shift
     spectrum_wall = fft.rfft2(cv2.GaussianBlur(a.wall, (0, 0), _BLUR_CELLS), shape)
     spectrum_free = fft.rfft2(a.free, shape)
     against_wall = spectrum_wall - np.float32(_CONFLICT) * spectrum_free
-    against_free = np.float32(_COMMON_FREE) * spectrum_free - np.float32(_CONFLICT) * spectrum_wall
+    against_free = np.float32(common_free) * spectrum_free - np.float32(_CONFLICT) * spectrum_wall
     middle_b = (np.array(b.wall.shape[::-1]) - 1.0) / 2.0
     middle = np.full(2, (side - 1) / 2.0)
     poses: list[list[float]] = []
@@ -79,7 +79,9 @@ def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int) -> Shift
         rotation = np.array([[cos, -sin], [sin, cos]])
         onto = np.column_stack([rotation, middle - rotation @ middle_b])
         wall_b, free_b = (
-            _spectrum_of_corner(cv2.warpAffine(layer, onto, (side, side), flags=cv2.INTER_LINEAR), shape)
+            _spectrum_of_corner(
+                np.asarray(cv2.warpAffine(layer, onto, (side, side), flags=cv2.INTER_LINEAR), np.float32), shape
+            )
             for layer in (b.wall, b.free)
         )
         # Turned by half a turn, the canvas is read backwards: its correlation is the convolution with what is there.
@@ -91,7 +93,7 @@ def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int) -> Shift
             corner = middle - turned @ (middle_b + 0.5) + 0.5
             for score, row, col in _peaks(fft.irfft2(product, shape, overwrite_x=True), peaks_per_turn):
                 shift = np.array([_unwrapped(col - ahead, cols, shape[1]), _unwrapped(row - ahead, rows, shape[0])])
-                poses.append([*((corner + shift) * a.cell_m), se2.wrap_angle(angle)])
+                poses.append([*((corner + shift) * a.cell_m).tolist(), float(se2.wrap_angle(angle))])
                 scores.append(score)
     order = np.argsort(-np.array(scores), kind="stable")
     return Shifts(np.array(poses)[order], np.array(scores)[order])

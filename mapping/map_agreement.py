@@ -15,20 +15,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mapping.outline import Outline
-from mapping.wall_map import FREE, UNKNOWN, WALL, Distances, States, WallMap
+from mapping.wall_map import FREE, UNKNOWN, Distances, States, WallMap
 
 FloatArray = NDArray[np.float64]
 TOLERANCES_M = (0.12, 0.25, 0.50)
 VIOLATIONS_M = (0.30, 0.60, 1.20)  # a wall so far from all others, in free space, contradicts
 _TOLERANCE_CELLS, _VIOLATION_CELLS = 1.5, 3.0
-_PARALLEL = math.cos(math.radians(30.0))
+_PARALLEL, _CROSSING = math.cos(math.radians(30.0)), math.cos(math.radians(60.0))
 _BLOCK_M = 2.0
 _BLOCK_LEAST_M = 0.5
 _BLOCK_AGREES, _BLOCK_FAILS = 0.7, 0.3
 _LINE_RAD, _LINE_M = math.radians(15.0), 0.5  # walls so much alike in direction and place are one line
 _LINE_LEAST_M = 0.75
 _NEAR_KNOWN = 3
-_COUNTS = 27
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,9 +101,7 @@ def surface_of(walls: WallMap, outline: Outline) -> Surface:
         cols, rows = np.floor(outline.points / walls.resolution_m).astype(np.intp).T
         empty = np.ones(walls.states.shape, np.uint8)
         empty[rows, cols] = 0
-        _, labels = cv2.distanceTransformWithLabels(
-            empty, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
-        )
+        _, labels = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL)
         codes = np.full(int(labels.max()) + 1, 255, np.uint8)
         codes[labels[rows, cols]] = _direction_codes(outline.normals)
         directions = codes[labels]
@@ -124,39 +121,154 @@ def probe_of(outline: Outline, most: int) -> Probe:
 
 def judge_poses(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m: float) -> Agreements:
     """Count the probe's wall on the surface at poses (K, 3) of its grid; least_cell_m: cell of the coarser map."""
-    tolerances = np.maximum(TOLERANCES_M, _TOLERANCE_CELLS * least_cell_m)
-    violations = np.maximum(VIOLATIONS_M, _VIOLATION_CELLS * least_cell_m)
-    blocks, lines = (int(each.max(initial=-1)) + 1 for each in (probe.blocks, probe.lines))
-    counts = np.zeros((len(poses), _COUNTS))
-    walls = surface.walls
-    _count_all(
-        walls.distances, surface.seen, surface.directions, walls.resolution_m, probe.points, probe.lengths,
-        probe.normals, probe.blocks, blocks, probe.lines, lines, np.ascontiguousarray(poses), tolerances, violations,
-        counts,
-    )  # fmt: skip
-    half_sum, half_gap = 0.5 * (counts[:, 10] + counts[:, 12]), 0.5 * (counts[:, 10] - counts[:, 12])
-    spread = np.hypot(half_gap, counts[:, 11])
-    weak_direction = 0.5 * np.arctan2(2.0 * counts[:, 11], counts[:, 10] - counts[:, 12]) + 0.5 * np.pi
+    tolerances, violations = limits_m(least_cell_m)
+    seen = _look_up(surface, probe, poses)
+    lengths = probe.lengths.astype(np.float32)
+    hit = seen.distance <= tolerances[1]
+    against = seen.free & (seen.distance > violations[1])
+    far_off = seen.free & (seen.distance > violations[2])
+    directed = hit & (seen.across >= 0.0)
+    along = hit & (seen.across >= _PARALLEL)
+    crossing = directed & (seen.across < _CROSSING)
+    straight = probe.lines >= 0
+    hold = _hold(np.where(along, lengths, np.float32(0.0)), probe, poses)
+    good, bad = _blocks(probe.blocks, np.where(hit & ~crossing, lengths, 0.0), np.where(against, lengths, 0.0))
+    good_lines, bad_lines, variety = _lines(probe.lines, np.where(along, lengths, 0.0), np.where(against, lengths, 0.0))
     return Agreements(
-        known=counts[:, 0],
-        hits=counts[:, 1:4],
-        conflicts=counts[:, 4:7],
-        parallel=counts[:, 7:9],
-        crossing=counts[:, 9],
-        weak=np.maximum(half_sum - spread, 0.0),
-        strong=half_sum + spread,
-        weak_direction=weak_direction,
-        turning=_turning(counts),
-        good=counts[:, 14],
-        bad=counts[:, 15],
-        hit_gap=np.sqrt(counts[:, 16] / np.maximum(counts[:, 2], 1e-9)),
-        worst=counts[:, 19:21],
-        against=counts[:, 21:23],
-        good_lines=counts[:, 23],
-        bad_lines=counts[:, 24],
-        variety=np.exp(counts[:, 25]),
-        rough=counts[:, 26],
+        known=np.isfinite(seen.distance) @ lengths,
+        hits=np.column_stack([(seen.distance <= limit) @ lengths for limit in tolerances]),
+        conflicts=np.column_stack([(seen.free & (seen.distance > limit)) @ lengths for limit in violations]),
+        parallel=np.column_stack([(along & (seen.distance <= limit)) @ lengths for limit in tolerances[:2]]),
+        crossing=crossing @ lengths,
+        weak=hold.weak,
+        strong=hold.strong,
+        weak_direction=hold.weak_direction,
+        turning=hold.turning,
+        good=good,
+        bad=bad,
+        hit_gap=_rms(np.where(hit, seen.distance, 0.0), hit, lengths),
+        worst=np.column_stack([_most_in_a_block(probe.blocks, each, lengths) for each in (against, far_off)]),
+        against=np.column_stack([(each & straight) @ lengths for each in (against, far_off)]),
+        good_lines=good_lines,
+        bad_lines=bad_lines,
+        variety=variety,
+        rough=((seen.distance <= tolerances[0]) & (seen.across < 0.0)) @ lengths,
     )
+
+
+def net_metres(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m: float) -> FloatArray:
+    """Return hits less twice the conflicts (K, 3) at the three tolerances: `judge_poses` for very many poses."""
+    seen = _look_up(surface, probe, poses)
+    lengths = probe.lengths.astype(np.float32)
+    return np.column_stack(
+        [
+            (seen.distance <= tolerance) @ lengths - 2.0 * ((seen.free & (seen.distance > violation)) @ lengths)
+            for tolerance, violation in zip(*limits_m(least_cell_m), strict=True)
+        ]
+    )
+
+
+def limits_m(least_cell_m: float) -> tuple[FloatArray, FloatArray]:
+    """Return the distances (3,) up to which walls are one, and those (3,) from which they contradict."""
+    return (
+        np.maximum(TOLERANCES_M, _TOLERANCE_CELLS * least_cell_m),
+        np.maximum(VIOLATIONS_M, _VIOLATION_CELLS * least_cell_m),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Seen:
+    """What N points meet at K poses: distance (K, N) to the nearest wall, inf on cells the surface does not know; free
+    (K, N) cells; across (K, N): cosine between the walls' normals, -1 where one has none.
+    """
+
+    distance: NDArray[np.float32]
+    free: NDArray[np.bool_]
+    across: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Hold:
+    """How parallel wall holds a pose, see Agreements."""
+
+    weak: FloatArray
+    strong: FloatArray
+    weak_direction: FloatArray
+    turning: FloatArray
+
+
+def _look_up(surface: Surface, probe: Probe, poses: FloatArray) -> _Seen:
+    shape = (len(poses), len(probe.points))
+    distance, free = np.full(shape, np.inf, np.float32), np.zeros(shape, np.bool_)
+    across = np.full(shape, -1.0, np.float32)
+    walls = surface.walls
+    _fill(
+        walls.distances, surface.seen, surface.directions, walls.resolution_m, probe.points, probe.normals,
+        np.ascontiguousarray(poses), (distance, free, across),
+    )  # fmt: skip
+    return _Seen(distance, free, across)
+
+
+def _hold(weights: NDArray[np.float32], probe: Probe, poses: FloatArray) -> _Hold:
+    """Return how walls of weights (K, N), in metres, hold their poses (K, 3)."""
+    nx, ny = probe.normals.T
+    turn = ny * probe.points[:, 0] - nx * probe.points[:, 1]  # by how much a turn of the probe moves a wall
+    xx, xy, yy, x, y, tt = (
+        weights @ factor for factor in (nx * nx, nx * ny, ny * ny, turn * nx, turn * ny, turn * turn)
+    )
+    spread = np.hypot(0.5 * (xx - yy), xy)
+    determinant = np.maximum((xx + 1e-6) * (yy + 1e-6) - xy * xy, 1e-9)
+    explained = ((yy + 1e-6) * x * x - 2.0 * xy * x * y + (xx + 1e-6) * y * y) / determinant
+    weakest = 0.5 * np.arctan2(2.0 * xy, xx - yy) + 0.5 * np.pi
+    return _Hold(
+        np.maximum(0.5 * (xx + yy) - spread, 0.0),
+        0.5 * (xx + yy) + spread,
+        weakest + poses[:, 2],
+        np.maximum(tt - explained, 0.0),
+    )
+
+
+def _sums_by(groups: NDArray[np.int64], values: NDArray[np.floating]) -> FloatArray:
+    """Return the sums (K, G) of values (K, N) over the groups; a negative group counts nowhere."""
+    counted = np.flatnonzero(groups >= 0)
+    if len(counted) == 0:
+        return np.zeros((len(values), 0))
+    order = counted[np.argsort(groups[counted], kind="stable")]
+    starts = np.flatnonzero(np.diff(groups[order], prepend=-1))
+    return np.asarray(np.add.reduceat(values[:, order], starts, axis=1), dtype=np.float64)
+
+
+def _blocks(
+    blocks: NDArray[np.int64], agreeing: NDArray[np.floating], contradicting: NDArray[np.floating]
+) -> tuple[FloatArray, FloatArray]:
+    """Return how many blocks (K,) agree and how many contradict."""
+    for_it, against = _sums_by(blocks, agreeing), _sums_by(blocks, contradicting)
+    judged = for_it + against
+    enough = judged >= _BLOCK_LEAST_M
+    good = (enough & (for_it >= _BLOCK_AGREES * judged)).sum(axis=1)
+    bad = (enough & (for_it <= _BLOCK_FAILS * judged)).sum(axis=1)
+    return good.astype(np.float64), bad.astype(np.float64)
+
+
+def _most_in_a_block(blocks: NDArray[np.int64], mask: NDArray[np.bool_], lengths: NDArray[np.float32]) -> FloatArray:
+    """Return the metres (K,) that are set in the block where most are."""
+    return np.asarray(_sums_by(blocks, np.where(mask, lengths, np.float32(0.0))).max(axis=1, initial=0.0))
+
+
+def _lines(
+    lines: NDArray[np.int64], agreeing: NDArray[np.floating], contradicting: NDArray[np.floating]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return how many lines (K,) agree, how many contradict, and over how many the agreement is spread."""
+    for_it, against = _sums_by(lines, agreeing), _sums_by(lines, contradicting)
+    good = (for_it >= _LINE_LEAST_M) & (for_it > against)
+    bad = ~good & (against >= _LINE_LEAST_M)
+    share = for_it / np.maximum(for_it.sum(axis=1, keepdims=True), 1e-9)
+    entropy = -(share * np.log(np.maximum(share, 1e-12))).sum(axis=1)
+    return good.sum(axis=1).astype(np.float64), bad.sum(axis=1).astype(np.float64), np.exp(entropy)
+
+
+def _rms(values: NDArray[np.floating], mask: NDArray[np.bool_], lengths: NDArray[np.float32]) -> FloatArray:
+    return np.asarray(np.sqrt((values * values) @ lengths / np.maximum(mask @ lengths, 1e-9)), dtype=np.float64)
 
 
 def compare_cells(
@@ -174,24 +286,17 @@ def compare_cells(
 
 def _lines_of(points: FloatArray, normals: FloatArray) -> NDArray[np.int64]:
     """Return the number of the straight line (N,) that points with a normal belong to, by direction and distance."""
-    angle = np.arctan2(normals[:, 1], normals[:, 0])
-    turned = np.where(angle < 0.0, -1.0, 1.0)[:, np.newaxis]  # a line has no side
-    direction = np.floor((angle % np.pi) / _LINE_RAD)
+    # Bins lie about 0, 15, 30 ... deg: walls along the axes must not fall between two.
+    direction = np.rint(np.arctan2(normals[:, 1], normals[:, 0]) / _LINE_RAD) % round(np.pi / _LINE_RAD)
+    one_side = np.column_stack([np.cos(direction * _LINE_RAD), np.sin(direction * _LINE_RAD)])
+    side = np.where((normals * one_side).sum(axis=1) < 0.0, -1.0, 1.0)
     middle = points.mean(axis=0) if len(points) else np.zeros(2)
-    place = np.floor(((points - middle) * normals * turned).sum(axis=1) / _LINE_M)
+    place = np.floor(side * ((points - middle) * normals).sum(axis=1) / _LINE_M)
     straight = (normals != 0.0).any(axis=1)
     _, numbers = np.unique(np.column_stack([direction, place])[straight], axis=0, return_inverse=True)
     lines = np.full(len(points), -1, np.int64)
     lines[straight] = numbers.reshape(-1)
     return lines
-
-
-def _turning(counts: FloatArray) -> FloatArray:
-    """Return how well parallel walls hold the angle (K,), in m^3, whatever the shift."""
-    xx, xy, yy = counts[:, 10] + 1e-6, counts[:, 11], counts[:, 12] + 1e-6
-    x, y = counts[:, 17], counts[:, 18]
-    explained = (yy * x * x - 2.0 * xy * x * y + xx * y * y) / np.maximum(xx * yy - xy * xy, 1e-9)
-    return np.maximum(counts[:, 13] - explained, 0.0)
 
 
 def _direction_codes(normals: FloatArray) -> NDArray[np.uint8]:
@@ -202,34 +307,20 @@ def _direction_codes(normals: FloatArray) -> NDArray[np.uint8]:
 
 
 @njit(cache=True, nogil=True)
-def _count_all(
+def _fill(
     distances: Distances,
     seen: States,
     directions: NDArray[np.uint8],
     resolution_m: float,
     points: FloatArray,
-    lengths: FloatArray,
     normals: FloatArray,
-    blocks: NDArray[np.int64],
-    block_count: int,
-    lines: NDArray[np.int64],
-    line_count: int,
     poses: FloatArray,
-    tolerances: FloatArray,
-    violations: FloatArray,
-    counts: FloatArray,
+    found: tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]],
 ) -> None:
-    """Fill counts (K, _COUNTS), see judge_poses; block sums are kept for one pose at a time."""
+    """Fill what `_look_up` returns."""
+    distance, free, across = found
     rows, cols = distances.shape
-    agreeing, contradicting, far_off = np.zeros(block_count), np.zeros(block_count), np.zeros(block_count)
-    line_agreeing, line_contradicting = np.zeros(line_count), np.zeros(line_count)
-    cosines, sines = np.empty(255), np.empty(255)
-    for n in range(255):
-        cosines[n], sines[n] = math.cos(n * math.pi / 254.0), math.sin(n * math.pi / 254.0)
     for k in range(poses.shape[0]):
-        count = counts[k]
-        agreeing[:], contradicting[:], far_off[:] = 0.0, 0.0, 0.0
-        line_agreeing[:], line_contradicting[:] = 0.0, 0.0
         cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
         for n in range(points.shape[0]):
             x = poses[k, 0] + cos * points[n, 0] - sin * points[n, 1]
@@ -237,68 +328,13 @@ def _count_all(
             col, row = math.floor(x / resolution_m), math.floor(y / resolution_m)
             if col < 0 or row < 0 or col >= cols or row >= rows or seen[row, col] == UNKNOWN:
                 continue
-            length, d = lengths[n], distances[row, col]
-            count[0] += length
-            for level in range(3):
-                if d <= tolerances[level]:
-                    count[1 + level] += length
-                elif d > violations[level] and seen[row, col] == FREE:
-                    count[4 + level] += length
-            if d > violations[1] and seen[row, col] == FREE:
-                contradicting[blocks[n]] += length
-                if lines[n] >= 0:
-                    line_contradicting[lines[n]] += length
-                    count[21] += length
-                if d > violations[2]:
-                    far_off[blocks[n]] += length
-                    if lines[n] >= 0:
-                        count[22] += length
-            if d > tolerances[1]:
-                continue
-            count[16] += length * d * d
+            distance[k, n] = distances[row, col]
+            free[k, n] = seen[row, col] == FREE
             code = directions[row, col]
-            nx, ny = cos * normals[n, 0] - sin * normals[n, 1], sin * normals[n, 0] + cos * normals[n, 1]
-            if code == 255 or (nx == 0.0 and ny == 0.0):
-                agreeing[blocks[n]] += length
-                if d <= tolerances[0]:
-                    count[26] += length
-                continue
-            across = abs(nx * cosines[code] + ny * sines[code])
-            if across < 0.5:
-                count[9] += length
-                continue
-            agreeing[blocks[n]] += length
-            if across < _PARALLEL:
-                continue
-            count[8] += length
-            if lines[n] >= 0:
-                line_agreeing[lines[n]] += length
-            if d <= tolerances[0]:
-                count[7] += length
-            count[10] += length * nx * nx
-            count[11] += length * nx * ny
-            count[12] += length * ny * ny
-            turn = ny * x - nx * y
-            count[13] += length * turn * turn
-            count[17] += length * turn * nx
-            count[18] += length * turn * ny
-        total = line_agreeing.sum()
-        for n in range(line_count):
-            if line_agreeing[n] >= _LINE_LEAST_M and line_agreeing[n] > line_contradicting[n]:
-                count[23] += 1.0
-            elif line_contradicting[n] >= _LINE_LEAST_M:
-                count[24] += 1.0
-            if line_agreeing[n] > 0.0:
-                count[25] -= line_agreeing[n] / total * math.log(line_agreeing[n] / total)
-        for n in range(block_count):
-            count[19] = max(count[19], contradicting[n])
-            count[20] = max(count[20], far_off[n])
-            judged = agreeing[n] + contradicting[n]
-            if judged >= _BLOCK_LEAST_M:
-                if agreeing[n] >= _BLOCK_AGREES * judged:
-                    count[14] += 1.0
-                elif agreeing[n] <= _BLOCK_FAILS * judged:
-                    count[15] += 1.0
+            nx, ny = normals[n, 0], normals[n, 1]
+            if code < 255 and (nx != 0.0 or ny != 0.0):
+                turn = poses[k, 2] + math.atan2(ny, nx) - code * math.pi / 254.0
+                across[k, n] = abs(math.cos(turn))
 
 
 @njit(cache=True, nogil=True)

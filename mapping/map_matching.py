@@ -88,9 +88,7 @@ def refine(
     return Fit(found, matrix, hits / max(len(points), 1), len(points))
 
 
-def refine_each(
-    walls: WallMap, points: FloatArray, poses: FloatArray, scales_m: tuple[float, ...]
-) -> FloatArray:
+def refine_each(walls: WallMap, points: FloatArray, poses: FloatArray, scales_m: tuple[float, ...]) -> FloatArray:
     """Return the poses (K, 3) that `refine` reaches from each of poses (K, 3); angles are not wrapped.
 
     The points (N, 2) should lie about the origin of their frame: a step turns about it.

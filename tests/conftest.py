@@ -1,14 +1,23 @@
-"""What all tests share: where the project and the real recordings are, and how long hypothesis searches."""
+"""What all tests share: where the project and the real recordings are, how long hypothesis searches, who runs alone."""
 
 from __future__ import annotations
 
 import os
+import tempfile
+from collections.abc import Generator
+from fcntl import LOCK_EX, LOCK_SH, LOCK_UN, flock
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 PROJECT_ROOT = Path(__file__).resolve().parent.parent
+WORKER = os.environ.get("PYTEST_XDIST_WORKER")  # gw0, gw1, ...; None where pytest runs without pytest-xdist's -n
+
+# Two processes that compile the same function for different arguments may take the same file of numba's cache for it,
+# and would then load each other's machine code. The first worker uses and warms the usual cache.
+if WORKER not in {None, "gw0"}:
+    os.environ["NUMBA_CACHE_DIR"] = str(PROJECT_ROOT / ".pytest_cache" / f"numba-{WORKER}")
 
 # No deadline and no speed check: a shared host may stall for a moment, and that is no fault of the code.
 settings.register_profile("local", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
@@ -31,8 +40,63 @@ def data_dir() -> Path:
     return folder
 
 
+def pytest_configure(config: pytest.Config) -> None:
+    """Let the workers of pytest-xdist take turns."""
+    if WORKER is not None:
+        config.pluginmanager.register(Turns(os.environ["PYTEST_XDIST_TESTRUNUID"]))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Refuse a test that reads real data without saying so: `-m "not real_data"` would not leave it out."""
+    """Refuse a test that reads real data without saying so: `-m "not real_data"` would not leave it out.
+
+    Among several processes live tests come last.
+    """
     for item in items:
         if "data_dir" in getattr(item, "fixturenames", ()) and item.get_closest_marker("real_data") is None:
             raise pytest.UsageError(f"{item.nodeid} uses data_dir: mark it with @pytest.mark.real_data")
+    if WORKER is not None:
+        items.sort(key=is_live)
+
+
+def is_live(item: pytest.Item) -> bool:
+    """Whether a test runs at the pace of a real sensor."""
+    return item.get_closest_marker("live") is not None
+
+
+class Turns:
+    """Live tests run alone: no other process of the same run of pytest-xdist tests anything at that time.
+
+    All tests share the floor, a live one takes it for itself. Who waits for the floor holds the gate, so that nobody
+    comes in before; live tests in a row keep both. The system gives the locks of a process that dies back.
+    """
+
+    def __init__(self, run: str) -> None:
+        """run: the name that all processes of the run know."""
+        folder = Path(tempfile.gettempdir())
+        self._files = [folder / f"mapfuse-robot-tests-{run}-{name}" for name in ("gate", "floor")]
+        self._gate, self._floor = (os.open(file, os.O_RDWR | os.O_CREAT, 0o600) for file in self._files)
+        self._alone = False
+
+    @pytest.hookimpl(wrapper=True, tryfirst=True)
+    def pytest_runtest_protocol(
+        self, item: pytest.Item, nextitem: pytest.Item | None
+    ) -> Generator[None, object, object]:
+        """Wait for the turn of a test, run it, and let the others go on."""
+        live = is_live(item)
+        if not self._alone:
+            flock(self._gate, LOCK_EX if live else LOCK_SH)
+            flock(self._floor, LOCK_EX if live else LOCK_SH)
+        if not live:
+            flock(self._gate, LOCK_UN)
+        try:
+            return (yield)
+        finally:
+            self._alone = live and nextitem is not None and is_live(nextitem)
+            if not self._alone:
+                flock(self._floor, LOCK_UN)
+                flock(self._gate, LOCK_UN)
+
+    def pytest_unconfigure(self) -> None:
+        """Leave no files; who still runs has them open."""
+        for file in self._files:
+            file.unlink(missing_ok=True)

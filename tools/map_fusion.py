@@ -17,10 +17,11 @@ from fusion.algorithm3 import Algorithm3Settings
 from fusion.alignment import Alignment
 from fusion.certainty import fuse_pair
 from fusion.identity import reference_rank, same_evidence
-from fusion.registration import Method, register
+from fusion.registration import Method, register, warm_up
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map_with_warnings, write_map
+from tools.alignment_picture import AlignmentView, draw_alignment
 from tools.errors import UsageError
 from tools.pictures import draw_map, write_picture
 from tools.results import FloatArray, Report, check_run_folder, new_run_folder, writing_to
@@ -54,23 +55,58 @@ class _Registration:
         return asdict(self.settings) | {"alpha": alpha, "features": self.settings.features.name}
 
 
-def align_maps(a: Path, b: Path, *, method: Method, settings: Algorithm3Settings, seed: int) -> Report:
-    """Register two map files; (dx, dy, theta_deg) is the pose of b's map frame in a's. Raises MapFileError."""
+def align_maps(
+    a: Path, b: Path, output: Path | None = None, *, method: Method, settings: Algorithm3Settings, seed: int
+) -> Report:
+    """Register two map files; (dx, dy, theta_deg) is the pose of b's map frame in a's. Raises MapFileError.
+
+    output: a folder for alignment.png, the verdict as a picture, and alignment.json.
+    """
+    check_run_folder(output)
     grids = [_load(path) for path in (a, b)]
     registration = _Registration(method, settings, seed)
     alignment, seconds = _timed_register(grids[0], grids[1], registration)
-    return {
+    report: Report = {
         "method": method,
         "accepted": alignment.accepted,
         **_certainty_fields(alignment),
         "acceptance": round(alignment.acceptance, 4),
         "inliers": alignment.inliers,
         "overlap": round(alignment.overlap, 4),
+        "common_wall_m": _rounded(alignment.common_wall_m),
+        "conflict_m": _rounded(alignment.conflict_m),
+        "ambiguous": alignment.ambiguous,
         "scale": alignment.scale,
         "reason": alignment.reason,
         "settings": registration.settings_report(),
         "seconds": round(seconds, 3),
     }
+    if output is not None:
+        folder = new_run_folder(output)
+        with writing_to(folder):
+            picture = draw_alignment(grids[0], grids[1], _view(alignment, (a.name, b.name)))
+            write_picture(folder / "alignment.png", picture)
+            (folder / "alignment.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+    return report
+
+
+def _view(alignment: Alignment, names: tuple[str, str]) -> AlignmentView:
+    """Return what the picture of a verdict tells."""
+    verdict = "accepted" if alignment.accepted else "ambiguous" if alignment.ambiguous else "refused"
+    return AlignmentView(
+        verdict,
+        alignment.reason,
+        T_a_b=alignment.T_a_b,
+        probability=alignment.probability,
+        covariance=alignment.covariance,
+        acceptance=alignment.acceptance,
+        overlap=alignment.overlap,
+        common_wall_m=alignment.common_wall_m,
+        conflict_m=alignment.conflict_m,
+        alternatives=tuple((each.T_a_b, each.probability) for each in alignment.alternatives),
+        slide=alignment.slide,
+        names=names,
+    )
 
 
 def fuse_maps(
@@ -110,6 +146,7 @@ def _load(path: Path) -> OccupancyGrid:
 
 
 def _timed_register(a: OccupancyGrid, b: OccupancyGrid, registration: _Registration) -> tuple[Alignment, float]:
+    warm_up(registration.method)
     started = time.perf_counter()
     alignment = register(a, b, registration.method, registration.seed, registration.settings)
     return alignment, time.perf_counter() - started
@@ -149,6 +186,10 @@ def _certainty_fields(alignment: Alignment) -> Report:
         "covariance": None if alignment.covariance is None else alignment.covariance.tolist(),
         "alternatives": alternatives,
     }
+
+
+def _rounded(length_m: float | None) -> float | None:
+    return None if length_m is None else round(length_m, 2)
 
 
 def _pose_fields(pose: FloatArray | None) -> Report:

@@ -26,13 +26,14 @@ ENOUGH_SCANS = 15
 
 
 @pytest.fixture(
+    scope="module",
     params=[
-        "emulated A2M8",
-        "emulated A2M12",
+        pytest.param("emulated A2M8", marks=pytest.mark.live),
+        pytest.param("emulated A2M12", marks=pytest.mark.live),
         "recorded A2M8",
         "recorded A2M12",
-        pytest.param("real", marks=pytest.mark.hardware),
-    ]
+        pytest.param("real", marks=[pytest.mark.hardware, pytest.mark.live]),
+    ],
 )
 def source(request, project_root):
     """A message source, open."""
@@ -51,6 +52,12 @@ def source(request, project_root):
         yield stack.enter_context(open_rplidar(port, clock=RunClock()))
 
 
+@pytest.fixture(scope="module")
+def read(source):
+    """What a source gives from its start: everything as it came, and the scans in it."""
+    return read_scans(iter(source))
+
+
 def read_scans(messages: Iterator[Message]) -> tuple[list[Message], list[LaserScan]]:
     """Read until there are enough scans."""
     decoding = LidarDecoding()
@@ -65,8 +72,8 @@ def read_scans(messages: Iterator[Message]) -> tuple[list[Message], list[LaserSc
     return raw, scans
 
 
-def test_stream_is_described_before_its_first_chunk_and_stamps_never_step_back(source):
-    raw, _ = read_scans(iter(source))
+def test_stream_is_described_before_its_first_chunk_and_stamps_never_step_back(read):
+    raw, _ = read
     assert isinstance(raw[0], LidarStream)
     assert all(isinstance(message, RawChunk) for message in raw[1:])
     stamps = [message.stamp_ns for message in raw]
@@ -74,8 +81,8 @@ def test_stream_is_described_before_its_first_chunk_and_stamps_never_step_back(s
     assert stamps[0] > 1_600_000_000 * 10**9, "wall clock, not time since boot"
 
 
-def test_scans_are_turns_in_si_units_with_rising_times(source):
-    _, scans = read_scans(iter(source))
+def test_scans_are_turns_in_si_units_with_rising_times(read):
+    _, scans = read
     whole = [scan for scan in scans if scan.complete]
     assert len(whole) >= ENOUGH_SCANS - 2
     for scan in whole:
@@ -90,7 +97,6 @@ def test_scans_are_turns_in_si_units_with_rising_times(source):
     assert np.all(np.diff(starts) > 0)
 
 
-def test_source_closes_twice(source):
-    read_scans(iter(source))
+def test_source_closes_twice(source, read):
     source.close()
     source.close()

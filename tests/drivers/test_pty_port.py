@@ -21,7 +21,10 @@ from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import A2M8, A2M12, EmulatedModel
 from drivers.rplidar_protocol import Command, express_request, request
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals are served on Linux only")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals are served on Linux only"),
+    pytest.mark.live,
+]
 
 
 def wall(times_ns: np.ndarray, theta_rad: np.ndarray) -> np.ndarray:

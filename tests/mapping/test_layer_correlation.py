@@ -15,15 +15,17 @@ def rooms() -> np.ndarray:
     """Three rooms of different sizes with doors, in cells of 5 cm: -1 free, 1 wall."""
     cells = np.zeros((260, 340), np.float32)
     for row, col, height, width in ((20, 20, 100, 150), (120, 20, 120, 90), (20, 170, 160, 140)):
-        cells[row : row + height + 1, col : col + width + 1][cells[row : row + height + 1, col : col + width + 1] == 0] = -1
+        cells[row : row + height + 1, col : col + width + 1][
+            cells[row : row + height + 1, col : col + width + 1] == 0
+        ] = -1
         cells[[row, row + height], col : col + width + 1] = 1
         cells[row : row + height + 1, [col, col + width]] = 1
     cells[60:80, 170] = cells[120, 50:70] = -1
     return cells
 
 
-def seen(cells: np.ndarray, origin: np.ndarray = np.zeros(3)) -> WallMap:
-    return wall_map(OccupancyGrid(3.0 * cells, CELL_M, origin), free_below=-0.62)
+def seen(cells: np.ndarray) -> WallMap:
+    return wall_map(OccupancyGrid((3.0 * cells).astype(np.float32), CELL_M, np.zeros(3)), free_below=-0.62)
 
 
 def turned(cells: np.ndarray, T_new_old: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
@@ -43,9 +45,7 @@ def test_the_best_shift_is_the_true_one_to_a_coarse_cell(angle_deg, cell_m):
     cells = rooms()
     T_b_a = np.array([12.0, 11.0, np.radians(angle_deg)])
     b = turned(cells[:, :250], T_b_a, (480, 480))
-    found = correlate(
-        coarse_layers(seen(cells), cell_m), coarse_layers(seen(b), cell_m), turns=120, peaks_per_turn=2
-    )
+    found = correlate(coarse_layers(seen(cells), cell_m), coarse_layers(seen(b), cell_m), turns=120, peaks_per_turn=2)
     middle = np.array([[6.0, 5.0]])
     placed = se2.transform_points(found.poses[0], se2.transform_points(T_b_a, middle))
     assert np.hypot(*(placed - middle)[0]) < 2.0 * cell_m

@@ -1,10 +1,6 @@
-"""Recordings of real sensors, made by other people, through the command line."""
+"""A recording of a real sensor, made by other people, through the whole flow."""
 
 from __future__ import annotations
-
-import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -103,40 +99,3 @@ def test_replay_repeats_bit_for_bit(turtlebot, data_dir, tmp_path):
         replay_recording(recording, Config(), tmp_path, on_progress=silent)
     for name in ("trajectory.tum", "map.pgm"):
         assert (tmp_path / name).read_bytes() == (folder / name).read_bytes()
-
-
-def command(*arguments):
-    return subprocess.run(
-        [sys.executable, "-m", "tools.cli", *map(str, arguments)], capture_output=True, text=True, check=False
-    )
-
-
-def test_other_peoples_recordings_are_listed_and_refused_by_replay_in_one_line(
-    data_dir, tmp_path, monkeypatch, project_root
-):
-    monkeypatch.setenv("PYTHONPATH", str(project_root))
-    files = [*sorted((data_dir / "mcap").glob("*.mcap")), *sorted((data_dir / "rosbag_misc").glob("*.db3"))]
-    assert len(files) >= 7
-    for file in files:
-        info = command("bag", "info", file, "--json")
-        assert info.returncode == 0, info.stderr
-        topics = json.loads(info.stdout)["topics"]
-        assert sum(topic["count"] for topic in topics) > 0
-        assert all("/msg/" in topic["type"] or "/srv/" in topic["type"] for topic in topics)
-        replay = command("replay", file, "-o", tmp_path / "out")
-        assert replay.returncode == 1
-        assert replay.stderr.count("\n") == 1
-        assert "no LaserScan" in replay.stderr
-    assert not (tmp_path / "out").exists()
-
-
-def test_ros1_bags_are_refused_in_one_line_that_names_the_format(data_dir, monkeypatch, project_root):
-    monkeypatch.setenv("PYTHONPATH", str(project_root))
-    files = sorted((data_dir / "rosbag_misc").glob("*.bag"))
-    assert len(files) >= 3
-    for file in files:
-        for verb in (["replay"], ["bag", "info"]):
-            refused = command(*verb, file)
-            assert refused.returncode == 1
-            assert refused.stderr.count("\n") == 1
-            assert "ROS 1 bag" in refused.stderr

@@ -5,33 +5,25 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.recording_reader import open_recording
 from mapping import se2
 from mapping.errors import MappingError
 from mapping.metrics import absolute_trajectory_error
 from mapping.slam_state import read_state
 from mapping.trajectory import Trajectory, read_tum
 from tools.localisation import LOCALISED_NAME
-from tools.replay_run import recorded_config, replay_recording
 
 FIRST, SECOND = "simulated_office_a2m8", "simulated_office_a2m12"  # in the order in which they were made
 
 
 @pytest.fixture(scope="module")
-def replay(project_root, tmp_path_factory):
-    def run(name, **options):
-        folder = tmp_path_factory.mktemp(name)
-        with open_recording(project_root / f"recordings/{name}.mcap") as recording:
-            config = recorded_config(recording)
-            report = replay_recording(recording, config, folder, on_progress=lambda _: None, **options)
-        return folder, report
-
-    return run
+def earlier(replayed_once):
+    return replayed_once(FIRST)[0]
 
 
 @pytest.fixture(scope="module")
-def earlier(replay):
-    return replay(FIRST, save_state=True)[0]
+def gone_on(replay, earlier):
+    """Folder and report of the second drive on the first one's map."""
+    return replay(SECOND, resume=read_state(earlier), save_state=True)
 
 
 @pytest.fixture(scope="module")
@@ -42,8 +34,8 @@ def truth(project_root):
     return Trajectory(stamps_ns, np.vstack([first.poses[before], second.poses]))
 
 
-def test_a_drive_that_goes_on_is_one_map_with_the_earlier_one(replay, earlier, truth, project_root):
-    folder, report = replay(SECOND, resume=read_state(earlier))
+def test_a_drive_that_goes_on_is_one_map_with_the_earlier_one(replay, earlier, gone_on, truth, project_root):
+    folder, report = gone_on
     assert [piece["in_map"] for piece in report["slam"]["segments"]] == [True, True]
     trajectory, before = read_tum(folder / "trajectory.tum"), read_tum(earlier / "trajectory.tum")
     assert len(trajectory) > len(before) + 200
@@ -56,8 +48,8 @@ def test_a_drive_that_goes_on_is_one_map_with_the_earlier_one(replay, earlier, t
     assert (again / "trajectory.tum").read_bytes() == (folder / "trajectory.tum").read_bytes()
 
 
-def test_a_drive_cannot_go_on_from_a_later_one(replay):
-    later, _ = replay(SECOND, save_state=True)
+def test_a_drive_cannot_go_on_from_a_later_one(replay, gone_on):
+    later, _ = gone_on
     with pytest.raises(MappingError, match="clock"):
         replay(FIRST, resume=read_state(later))
 

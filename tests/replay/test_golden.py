@@ -5,12 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.recording_reader import open_recording
 from mapping import se2
 from mapping.map_io import read_map
 from mapping.metrics import absolute_trajectory_error
 from mapping.trajectory import read_tum
-from tools.replay_run import recorded_config, replay_recording
 
 NAMES = ("simulated_office_a2m8", "simulated_office_a2m12")
 # Another CPU or library version rounds differently, and ICP carries that on: a tenth of the range noise is no change.
@@ -19,12 +17,8 @@ TRUTH_RMS_M, TRUTH_MAX_DEG = 0.03, 1.5
 
 
 @pytest.fixture(scope="module", params=NAMES)
-def replayed(request, project_root, tmp_path_factory):
-    folder = tmp_path_factory.mktemp(request.param)
-    stem = project_root / "recordings" / request.param
-    with open_recording(stem.with_suffix(".mcap")) as recording:
-        report = replay_recording(recording, recorded_config(recording), folder, on_progress=lambda _: None)
-    return stem, folder, report
+def replayed(request, project_root, replayed_once):
+    return project_root / "recordings" / request.param, *replayed_once(request.param)
 
 
 def test_trajectory_is_the_golden_one(replayed):

@@ -23,6 +23,7 @@ def test_a_recording_alone_is_measured_by_the_pipeline_bench(drive, cli):
     assert json.loads(cli("bench", "--json", drive).out)["scans"] == 40
 
 
+@pytest.mark.live
 def test_slam_is_measured_beside_peers_and_at_the_real_pace(drive, cli):
     ended = cli("bench", "slam", drive, "--live", "2", "--json")
     assert ended.code == 0, ended.err

@@ -44,8 +44,9 @@ def mapped_scans(folder: Path) -> int:
     return int(json.loads((folder / "report.json").read_text())["scans"]["mapped"])
 
 
-@pytest.mark.parametrize("model", ["A2M8", "A2M12"])
-def test_live_run_is_saved_on_ctrl_c_and_replays_to_the_same_bytes(model, spawn, cli, tmp_path):
+@pytest.mark.live
+@pytest.mark.parametrize(("model", "replays"), [("A2M8", ("first", "second")), ("A2M12", ("first",))])
+def test_live_run_is_saved_on_ctrl_c_and_replays_to_the_same_bytes(model, replays, spawn, cli, tmp_path):
     truth = tmp_path / "truth.tum"
     emulator = spawn("emulate", "lidar", "--model", model, "--truth", truth, "--json")
     port = str(emulator.event("ready")["address"])
@@ -63,7 +64,7 @@ def test_live_run_is_saved_on_ctrl_c_and_replays_to_the_same_bytes(model, spawn,
     assert report["dropped_scans"] == 0
     assert report["decoder"]["samples"] == pytest.approx(json.loads(emitted)["samples_emitted"], rel=0.01)
 
-    for folder in ("first", "second"):
+    for folder in replays:
         again = cli("replay", tmp_path / "live/recording.mcap", "-o", tmp_path / folder)
         assert again.code == 0, again.err
         for name in ("trajectory.tum", "map.pgm", "map.yaml"):
@@ -77,6 +78,7 @@ def test_live_run_is_saved_on_ctrl_c_and_replays_to_the_same_bytes(model, spawn,
     assert error.max_deg < 1.5
 
 
+@pytest.mark.live
 def test_sigterm_ends_a_recording_cleanly(spawn, cli, tmp_path):
     emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
     port = str(emulator.event("ready")["address"])
@@ -93,6 +95,7 @@ def test_sigterm_ends_a_recording_cleanly(spawn, cli, tmp_path):
     assert cli("bag", "check", tmp_path / "r.mcap").code == 0
 
 
+@pytest.mark.live
 def test_lidar_lost_during_the_run_leaves_everything_saved(spawn, tmp_path):
     emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
     port = str(emulator.event("ready")["address"])
@@ -262,12 +265,12 @@ def test_version_is_printed(cli):
     assert cli("--version").out.startswith("mapfuse-robot 0.")
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_recording_cut_at_a_random_byte_is_mapped_as_far_as_it_goes(seed, cli, tmp_path, project_root):
+@pytest.mark.parametrize(("seed", "options"), [(0, ()), *((seed, ("--no-refine",)) for seed in (1, 2, 3))])
+def test_recording_cut_at_a_random_byte_is_mapped_as_far_as_it_goes(seed, options, cli, tmp_path, project_root):
     whole = (project_root / "recordings/simulated_office_a2m12.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: np.random.default_rng(seed).integers(len(whole) // 5, len(whole) - 1)])
-    outcome = cli("replay", cut, "-o", tmp_path / "out")
+    outcome = cli("replay", cut, "-o", tmp_path / "out", *options)
     assert outcome.code == 3, outcome.err
     assert "damaged recording" in outcome.err
     assert mapped_scans(tmp_path / "out") > 20
@@ -279,7 +282,7 @@ def test_recording_cut_at_a_random_byte_is_mapped_as_far_as_it_goes(seed, cli, t
     assert cli("bag", "check", cut).code == 3
     assert cli("bag", "recover", cut, tmp_path / "whole.mcap").code == 3
     assert cli("bag", "check", tmp_path / "whole.mcap").code == 0
-    again = cli("replay", tmp_path / "whole.mcap", "-o", tmp_path / "again")
+    again = cli("replay", tmp_path / "whole.mcap", "-o", tmp_path / "again", *options)
     assert again.code == 0
     assert (tmp_path / "again/trajectory.tum").read_bytes() == (tmp_path / "out/trajectory.tum").read_bytes()
 
@@ -381,3 +384,32 @@ def test_output_that_finds_no_room_is_one_line_and_exit_code_1(command, project_
         )
     assert ended.returncode == 1
     assert ended.stderr == "mapfuse-robot: No space left on device: check where the output goes\n"
+
+
+@pytest.mark.real_data
+def test_other_peoples_recordings_are_listed_and_refused_by_replay_in_one_line(data_dir, tmp_path, cli):
+    files = [*sorted((data_dir / "mcap").glob("*.mcap")), *sorted((data_dir / "rosbag_misc").glob("*.db3"))]
+    assert len(files) >= 7
+    for file in files:
+        info = cli("bag", "info", file, "--json")
+        assert info.code == 0, info.err
+        topics = json.loads(info.out)["topics"]
+        assert sum(topic["count"] for topic in topics) > 0
+        assert all("/msg/" in topic["type"] or "/srv/" in topic["type"] for topic in topics)
+        replay = cli("replay", file, "-o", tmp_path / "out")
+        assert replay.code == 1
+        assert replay.err.count("\n") == 1
+        assert "no LaserScan" in replay.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.real_data
+def test_ros1_bags_are_refused_in_one_line_that_names_the_format(data_dir, cli):
+    files = sorted((data_dir / "rosbag_misc").glob("*.bag"))
+    assert len(files) >= 3
+    for file in files:
+        for verb in (["replay"], ["bag", "info"]):
+            refused = cli(*verb, file)
+            assert refused.code == 1
+            assert refused.err.count("\n") == 1
+            assert "ROS 1 bag" in refused.err

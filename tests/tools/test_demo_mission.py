@@ -19,6 +19,7 @@ from tools.errors import ToolError
 CAR = DemoCar("A", "A2M8", "office-west", 0.05)
 
 
+@pytest.mark.live
 def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     folder = tmp_path / "demo"
     demo = spawn("demo", "-o", folder)

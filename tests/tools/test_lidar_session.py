@@ -30,6 +30,7 @@ def live_run(folder, config):
         return run_session(port.name, config, lambda: folder, stop, record=True)
 
 
+@pytest.mark.live
 @pytest.mark.parametrize(
     "settings",
     [{}, {"replay": {"scan_topic": "/scan", "base_frame": "base_footprint"}, "lidar": {"mount": {"yaw_rad": 0.5}}}],
@@ -47,6 +48,7 @@ def test_live_and_replay_agree_from_the_first_byte_on(settings, tmp_path):
         assert np.array_equal(live["log_odds"], replayed["log_odds"])
 
 
+@pytest.mark.live
 @pytest.mark.parametrize(("live_s", "least", "most"), [(0.5, 3, 8), (0.0, 1, 1)])
 def test_the_map_goes_into_the_recording_while_the_car_drives(live_s, least, most, tmp_path):
     report, _ = live_run(tmp_path / "live", parse({"grid": {"live_s": live_s}}, "test"))

@@ -26,6 +26,7 @@ def drive(tmp_path_factory):
     return path
 
 
+@pytest.mark.live
 def test_a_live_run_maps_every_scan_and_times_each(drive):
     live = bench_live(drive, None, 2.5)
     assert live.simulated
@@ -66,6 +67,7 @@ def each(messages):
     yield from messages
 
 
+@pytest.mark.live
 def test_a_live_run_reads_every_kind_of_recording(drive, tmp_path):
     """SQLite serves only the thread that opened it, and the sensor's thread reads here."""
     scans = []

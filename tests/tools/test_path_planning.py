@@ -143,10 +143,10 @@ def test_the_second_opinion_sees_a_collision(room):
 
 @pytest.mark.real_data
 def test_real_problems_are_solved_without_a_collision(cli, data_dir):
-    outcome = cli("-q", "evaluate", "plans", data_dir / "maps_planning/problems.json", "--time-limit", "2", "--json")
+    outcome = cli("-q", "evaluate", "plans", data_dir / "maps_planning/problems.json", "--time-limit", "1", "--json")
     assert outcome.code == 3
     for report in json.loads(outcome.out)["planners"]:
-        # One goal stands on unknown space. How many searches end in two seconds is a matter of the machine.
+        # One goal stands on unknown space. How many searches end in a second is a matter of the machine.
         errors = Counter(row["error"] for row in report["rows"])
         assert errors["GOAL_OCCUPIED"] == 1
         assert set(errors) <= {None, "GOAL_OCCUPIED", "TIMEOUT"}
