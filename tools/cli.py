@@ -32,6 +32,7 @@ from tools.commands import (
     evaluate_relocalisation,
     evaluate_robustness,
     fuse,
+    learn,
     pairs,
     plan,
     record,
@@ -57,6 +58,7 @@ app.command("align")(align.align)
 app.command("fuse")(fuse.fuse)
 app.command("plan")(plan.plan)
 app.command("pairs")(pairs.pairs)
+app.command("learn")(learn.learn)
 app.command("demo")(demo.demo)
 app.add_typer(bench.app, name="bench")
 bench.app.command("slam")(bench_slam.slam)

@@ -6,6 +6,7 @@ in both.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,7 @@ _COARSE_M = 0.2
 _LEAST_FREE_M2, _LEAST_COMMON_M2 = 40.0, 15.0
 _SHORTEST_M, _SHORTEST_SHARE, _LONGEST_M, _LONGEST_SHARE = 25.0, 0.08, 250.0, 0.45
 TRIES = 3000
+_SPARSE_M = 1.0  # between the scans that a window is judged by, where there are more
 _CAMERA_REACH_M, _CAMERA_HALF_ANGLE_RAD, _CAMERA_NOISE = 5.0, np.radians(35.0), 0.003  # noise: sigma = that r^2
 
 
@@ -77,6 +79,16 @@ def as_camera(scans: PosedScans, random: np.random.Generator) -> PosedScans:
     return replace(scans, points=tuple(seen), reach_m=_CAMERA_REACH_M)
 
 
+def thinned(scans: PosedScans, step_m: float = 0.1, step_rad: float = math.radians(5.0)) -> PosedScans:
+    """Return the scans that come after so much of motion, or turning, since the last that is returned."""
+    kept = [0]
+    for number in range(1, len(scans.poses)):
+        moved = se2.between(scans.poses[kept[-1]], scans.poses[number])
+        if math.hypot(moved[0], moved[1]) >= step_m or abs(moved[2]) >= step_rad:
+            kept.append(number)
+    return replace(scans, poses=scans.poses[kept], points=tuple(scans.points[number] for number in kept))
+
+
 def draw_windows(
     scans: PosedScans, a_band: int, apart: int, random: np.random.Generator, tries: int = TRIES
 ) -> list[WindowPair]:
@@ -126,8 +138,10 @@ def _numbers(travelled: FloatArray, starts: FloatArray, spans: FloatArray, *, sh
 def _judged(scans: PosedScans, numbers: Sequence[ScanNumbers], *, shared: bool) -> WindowPair | None:
     """Return two windows with their band; None where they have too little free space, or an overlap between bands."""
     coarse = []
+    spacing_m = float(scans.travelled_m[-1]) / len(scans.poses)
+    stride = max(1, int(_SPARSE_M / max(spacing_m, 1e-3)))
     for each in numbers:
-        coarse.append(map_of(scans, each, _COARSE_M, se2.IDENTITY))
+        coarse.append(map_of(scans, each[::stride], _COARSE_M, se2.IDENTITY))
         if free_area_m2(coarse[-1]) < _LEAST_FREE_M2:
             return None
     common = common_free(coarse[0], coarse[1], se2.IDENTITY)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
 LIST_NAME = "pairs.json"
-KINDS = ("lidar", "resolution", "camera", "warped")
+KINDS = ("lidar", "resolution", "camera", "bent", "warped")
 BANDS = ("low", "mid", "high")
 RIGHT_M, RIGHT_DEG = 0.5, 3.0
 _FORMAT, _VERSION = "mapfuse-pairs", 1
@@ -44,8 +45,9 @@ class PairTruth:
 class MapPair:
     """Two map files; truth is None for a wrong pair: two places, be it of one building or of two.
 
-    kind: lidar (one resolution), resolution (two), camera (b seen by a narrow sensor) or warped (independent maps whose
-    walls bend). band and overlap: of the common free space, in the smaller map's; common_wall_m: seen in both.
+    kind: lidar (one resolution), resolution (two), camera (b seen by a narrow sensor), bent (both deformed by random
+    fields) or warped (independent maps whose walls bend). band and overlap: of the common free space, in the smaller
+    map's; common_wall_m: seen in both.
     """
 
     name: str
@@ -82,6 +84,21 @@ def read_pairs(folder: Path) -> list[MapPair]:
         except (KeyError, TypeError, ValueError) as error:
             raise ToolError(f"{path}: pair {number} is not whole: {error!r}: make the list anew") from error
     return read
+
+
+def joined_pairs(folders: Sequence[Path]) -> list[MapPair]:
+    """Read several lists as one; a name that another list has too gets its folder's before it. Raises ToolError."""
+    lists = [read_pairs(folder) for folder in folders]
+    uses = Counter(pair.name for pairs in lists for pair in pairs)
+    joined = [
+        pair if uses[pair.name] == 1 else replace(pair, name=f"{folder.resolve().name}-{pair.name}")
+        for folder, pairs in zip(folders, lists, strict=True)
+        for pair in pairs
+    ]
+    twice = [name for name, count in Counter(pair.name for pair in joined).items() if count > 1]
+    if twice:
+        raise ToolError(f"{twice[0]}: the name of two pairs: name each folder once, and folders by different names")
+    return joined
 
 
 def write_pairs(folder: Path, pairs: Sequence[MapPair], origin: str) -> None:

@@ -1,15 +1,15 @@
 """`learn`: the weights of the ranking, made from pairs of maps whose truth is known.
 
-Boosted decision trees with monotone constraints (scikit-learn's histogram gradient boosting) weigh the evidence for each
-hypothesis; a logistic curve (Platt 1999), fitted on buildings that the trees were not grown on, turns the score of a
-pair into a probability. Leaving one building out at a time tells what to expect on a new one.
+Boosted decision trees with monotone constraints (scikit-learn's histogram gradient boosting) weigh the evidence for
+each hypothesis; a logistic curve (Platt 1999), fitted to pairs of buildings that the trees were not grown on, turns the
+score of a pair into a probability.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 from fusion.evidence import TRENDS
 from fusion.ranking import FORMAT, VERSION, Ranking, probabilities, ranking_from
 from tools.errors import ToolError
+from tools.hypothesis_pools import HypothesisPool
 from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
-_DIGITS = 5  # of the thresholds in the file
+_DIGITS = 5  # of the numbers in the file
+_TEMPTING = ("net_sharp", "net_middle", "net_wide", "log_good_blocks")  # by these the best wrong ones are found
+_TEMPTING_EACH = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,49 +40,133 @@ class Growth:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JudgedPool:
-    """The hypotheses of one pair: features (K, F) in TRENDS' order, which are right (K,), which are other places (K, K)."""
+class HeldOut:
+    """What is said of P pairs by trees that were grown without their buildings.
 
-    buildings: tuple[str, str]
-    features: FloatArray
+    rankings: by the set of buildings left out, without a curve; pools: the pairs; scores (P,): as a registration gives
+    them; right (P,): the best hypothesis is.
+    """
+
+    rankings: dict[frozenset[str], Ranking]
+    pools: tuple[HypothesisPool, ...]
+    scores: FloatArray
     right: NDArray[np.bool_]
-    different: NDArray[np.bool_]
 
 
-def grow(pools: Sequence[JudgedPool], growth: Growth, origin: str) -> dict[str, Any]:
-    """Return the weights as they are stored, learned from all pools, the curve from trees that leave a building out."""
-    buildings = sorted({name for pool in pools for name in pool.buildings})
-    scores, right = [], []
-    for building in buildings:
-        left_out = [pool for pool in pools if pool.buildings[0] == building]
-        kept = [pool for pool in pools if building not in pool.buildings]
-        if not left_out or not any(pool.right.any() for pool in kept):
+def check_installed() -> None:
+    """Raise ToolError where scikit-learn is missing, which is an extra: learning needs it, registering does not."""
+    try:
+        import sklearn  # noqa: F401
+    except ImportError as error:
+        raise ToolError("scikit-learn is not installed: pip install 'mapfuse-robot[learn]'") from error
+
+
+def held_out_scores(
+    pools: Sequence[HypothesisPool], growth: Growth, on_progress: Callable[[str], None] = lambda _: None
+) -> HeldOut:
+    """Score every pair by trees grown on the pairs that touch none of its buildings.
+
+    Pairs for which there is nothing to learn from are left out. Raises ToolError where a curve cannot be fitted.
+    """
+    rankings: dict[frozenset[str], Ranking] = {}
+    judged: list[tuple[HypothesisPool, float, bool]] = []
+    groups = left_out_groups(pools)
+    for number, (left_out, inside) in enumerate(groups.items(), start=1):
+        on_progress(f"{number} of {len(groups)}: without {' and '.join(sorted(left_out))}")
+        kept = [pool for pool in pools if left_out.isdisjoint(pool.buildings)]
+        if not any(pool.right.any() for pool in kept):
             continue
-        ranking = ranking_from(_stored(_trees(kept, growth), origin))
-        for pool in left_out:
-            score, is_right = _score(ranking, pool)
-            scores.append(score)
-            right.append(is_right)
-    slope, offset = _curve(np.array(scores), np.array(right))
-    return _stored(_trees(pools, growth), origin) | {"slope": slope, "offset": offset}
+        ranking = rankings[left_out] = ranking_from(
+            _stored(_classifier(kept, growth), f"without {', '.join(sorted(left_out))}")
+        )
+        judged += [(pool, *score_of(ranking, pool)) for pool in inside]
+    if len({right for _, _, right in judged}) < 2:
+        buildings = len({name for pool in pools for name in pool.buildings})
+        raise ToolError(
+            f"{len(pools)} pairs of {buildings} buildings: to calibrate, right and wrong results on buildings left out "
+            "are needed: give pairs of more buildings, and wrong ones"
+        )
+    taken, scores, right = zip(*judged, strict=True)
+    return HeldOut(rankings, taken, np.array(scores), np.array(right, np.bool_))
+
+
+def learned(pools: Sequence[HypothesisPool], growth: Growth, origin: str, held_out: HeldOut) -> dict[str, Any]:
+    """Return the weights as they are stored: trees of all pools, and the curve of those that were held out."""
+    slope, offset = curve(held_out.scores, held_out.right)
+    return _stored(_classifier(pools, growth), origin) | {"slope": slope, "offset": offset}
+
+
+def ranking_without(held_out: HeldOut, left_out: frozenset[str]) -> Ranking:
+    """Return the ranking, trees and curve, of the pairs that touch none of these buildings; raises ToolError.
+
+    The scores behind the curve are those of other buildings' pairs, by trees that did see these.
+    """
+    if left_out not in held_out.rankings:
+        names = ", ".join(sorted(left_out))
+        raise ToolError(f"without {names} there is nothing to learn from: give training pairs of other buildings")
+    seen = np.array([left_out.isdisjoint(pool.buildings) for pool in held_out.pools], np.bool_)
+    slope, offset = curve(held_out.scores[seen], held_out.right[seen])
+    return replace(held_out.rankings[left_out], slope=slope, offset=offset)
+
+
+def left_out_groups(pools: Sequence[HypothesisPool]) -> dict[frozenset[str], list[HypothesisPool]]:
+    """Return the pools by their set of buildings, in the order of the names."""
+    groups: dict[frozenset[str], list[HypothesisPool]] = {}
+    for pool in pools:
+        groups.setdefault(frozenset(pool.buildings), []).append(pool)
+    return {names: groups[names] for names in sorted(groups, key=sorted)}
+
+
+def score_of(ranking: Ranking, pool: HypothesisPool) -> tuple[float, bool]:
+    """Return the score of a pool's best hypothesis, as a registration gives it, and whether it is right."""
+    if len(pool.right) == 0:
+        return 0.0, False
+    probability = probabilities(ranking.log_odds(dict(zip(TRENDS, pool.features.T, strict=True))))
+    best = int(np.argmax(probability))
+    rivals = probability[pool.different[best]]
+    return float(probability[best]) * (1.0 - float(rivals.max(initial=0.0))), bool(pool.right[best])
+
+
+def instructive(pool: HypothesisPool) -> NDArray[np.bool_]:
+    """Return which hypotheses (K,) are learned from: the right ones, and those that a simple count would put first."""
+    chosen: NDArray[np.bool_] = pool.right.copy()
+    for name in _TEMPTING:
+        column = pool.features[:, list(TRENDS).index(name)]
+        chosen[np.argsort(-column, kind="stable")[:_TEMPTING_EACH]] = True
+    return chosen
+
+
+def curve(scores: FloatArray, right: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return slope and offset of the logistic curve that turns scores (P,) into shares of right ones (P,)."""
+    if right.all() or not right.any():
+        kind = "right" if right.all() else "wrong"
+        raise ToolError(f"{len(right)} pairs of buildings left out are all {kind}: a curve needs both")
+    from sklearn.linear_model import LogisticRegression
+
+    clipped = np.clip(scores, 1e-6, 1.0 - 1e-6)
+    fitted = LogisticRegression(C=1e3).fit(np.log(clipped / (1.0 - clipped))[:, np.newaxis], right)
+    return _rounded(fitted.coef_[0, 0]), _rounded(fitted.intercept_[0])
 
 
 def write_weights(path: Path, stored: dict[str, Any]) -> None:
     """Write the weights as text, one tree a line."""
     head = {name: value for name, value in stored.items() if name != "trees"}
-    lines = [json.dumps(head, indent=1)[:-2] + ","]
     trees = ",\n".join(f"  {json.dumps(tree)}" for tree in stored["trees"])
-    lines.append(f' "trees": [\n{trees}\n ]\n}}\n')
+    text = f'{json.dumps(head, indent=1)[:-2]},\n "trees": [\n{trees}\n ]\n}}\n'
+    partial = path.with_name(f"{path.name}.part")
     with writing_to(path):
-        path.write_text("\n".join(lines), encoding="utf-8")
+        partial.write_text(text, encoding="utf-8")
+        partial.replace(path)
 
 
-def _trees(pools: Sequence[JudgedPool], growth: Growth) -> Any:
-    """Return the fitted classifier; raises ToolError where scikit-learn is missing."""
-    try:
-        from sklearn.ensemble import HistGradientBoostingClassifier
-    except ImportError as error:
-        raise ToolError("scikit-learn is not installed: pip install 'mapfuse-robot[learn]'") from error
+def _classifier(pools: Sequence[HypothesisPool], growth: Growth) -> Any:
+    """Return the fitted classifier; raises ToolError where there is nothing to learn."""
+    from sklearn.ensemble import HistGradientBoostingClassifier
+
+    chosen = [instructive(pool) for pool in pools]
+    right = np.concatenate([np.empty(0, np.bool_), *(p.right[kept] for p, kept in zip(pools, chosen, strict=True))])
+    if right.all() or not right.any():
+        raise ToolError(f"{len(right)} hypotheses are all {'right' if right.all() else 'wrong'}: nothing to learn from")
     classifier = HistGradientBoostingClassifier(
         max_iter=growth.trees,
         max_depth=growth.depth,
@@ -90,10 +177,7 @@ def _trees(pools: Sequence[JudgedPool], growth: Growth) -> Any:
         early_stopping=False,
         random_state=0,
     )
-    right = np.concatenate([pool.right for pool in pools])
-    if right.all() or not right.any():
-        raise ToolError(f"{len(right)} hypotheses are all {'right' if right.all() else 'wrong'}: nothing to learn from")
-    return classifier.fit(np.vstack([pool.features for pool in pools]), right)
+    return classifier.fit(np.vstack([pool.features[kept] for pool, kept in zip(pools, chosen, strict=True)]), right)
 
 
 def _stored(classifier: Any, origin: str) -> dict[str, Any]:
@@ -103,7 +187,7 @@ def _stored(classifier: Any, origin: str) -> dict[str, Any]:
         "version": VERSION,
         "origin": origin,
         "features": list(TRENDS),
-        "base": float(classifier._baseline_prediction[0, 0]),
+        "base": _rounded(classifier._baseline_prediction[0, 0]),
         "slope": 1.0,
         "offset": 0.0,
         "trees": [_nested(rounds[0].nodes, 0) for rounds in classifier._predictors],
@@ -114,27 +198,14 @@ def _nested(nodes: Any, number: int) -> Any:
     """Return a tree as nested comparisons; its leaves are numbers."""
     node = nodes[number]
     if node["is_leaf"]:
-        return float(f"{node['value']:.{_DIGITS}g}")
+        return _rounded(node["value"])
     return {
         "if": list(TRENDS)[int(node["feature_idx"])],
-        "at_most": float(f"{node['num_threshold']:.{_DIGITS}g}"),
+        "at_most": _rounded(node["num_threshold"]),
         "then": _nested(nodes, int(node["left"])),
         "else": _nested(nodes, int(node["right"])),
     }
 
 
-def _score(ranking: Ranking, pool: JudgedPool) -> tuple[float, bool]:
-    """Return the score of a pool's best hypothesis, as a registration gives it, and whether it is right."""
-    probability = probabilities(ranking.log_odds(dict(zip(TRENDS, pool.features.T, strict=True))))
-    best = int(np.argmax(probability))
-    rivals = probability[pool.different[best]]
-    return float(probability[best]) * (1.0 - float(rivals.max(initial=0.0))), bool(pool.right[best])
-
-
-def _curve(scores: FloatArray, right: NDArray[np.bool_]) -> tuple[float, float]:
-    """Return slope and offset of the logistic curve that turns scores (N,) into shares of right ones."""
-    from sklearn.linear_model import LogisticRegression
-
-    clipped = np.clip(scores, 1e-6, 1.0 - 1e-6)
-    fitted = LogisticRegression(C=1e3).fit(np.log(clipped / (1.0 - clipped))[:, np.newaxis], right)
-    return float(f"{fitted.coef_[0, 0]:.4g}"), float(f"{fitted.intercept_[0]:.4g}")
+def _rounded(value: Any) -> float:
+    return float(f"{float(value):.{_DIGITS}g}")

@@ -20,7 +20,7 @@ from mapping.map_io import read_map
 from mapping.map_yaml import read_map_yaml
 from tools.driven_log import read_driven_log
 from tools.errors import ToolError
-from tools.log_windows import PosedScans
+from tools.log_windows import PosedScans, thinned
 from tools.other_buildings import FINISHED, FIRST, BuildingMap, maps_of_pairs, varied_pairs
 from tools.pair_files import MapPair
 from tools.pair_making import WindowPlan, copy_map, window_pairs, write_scale_map
@@ -35,14 +35,21 @@ _SHIFT_M = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """A log that holds its poses, or a recording with the trajectory.tum that `replay` wrote of it."""
+    """A log that holds its poses, or a recording with the trajectory.tum that `replay` wrote of it.
+
+    building: what it was driven in; None: named as the file. Drives of one building are no pairs of two buildings.
+    """
 
     source: Path
     trajectory: Path | None = None
+    building: str | None = None
 
 
 def read_drive(drive: Drive) -> PosedScans:
-    """Read scans and poses; raises ToolError and the reader's own errors where either is missing."""
+    """Read scans and poses; raises ToolError and the reader's own errors where either is missing.
+
+    Of a recording's scans one is taken each 0.1 m or 5 deg of motion. Named as the file, whatever the building.
+    """
     if drive.trajectory is None:
         name = drive.source.name.split(".", maxsplit=1)[0].removesuffix("-corrected")
         return read_corrected_log(drive.source, LOG_REACH_M.get(name, _REACH_M))
@@ -51,7 +58,9 @@ def read_drive(drive: Drive) -> PosedScans:
     log = read_driven_log(drive.source, drive.trajectory, config)
     at_sensor = np.array([*log.sensor, 0.0])
     points = tuple(each - log.sensor for each in log.points)
-    return PosedScans(drive.source.stem, se2.compose(log.poses, at_sensor), points, config.grid.max_range_m)
+    packed = drive.source.suffix in {".gz", ".bz2"}
+    source = drive.source.with_suffix("") if packed else drive.source
+    return thinned(PosedScans(source.stem, se2.compose(log.poses, at_sensor), points, config.grid.max_range_m))
 
 
 def drive_pairs(
@@ -112,7 +121,8 @@ def _pairs_of_drive(folder: Path, plan: WindowPlan, seed: int, drive: Drive) -> 
     pairs = window_pairs(folder, scans, plan, seed)
     if not pairs:
         raise ToolError(f"{drive.source}: no two windows of it overlap as wanted: take a longer log, or more windows")
-    return scans.building, pairs
+    building = drive.building or scans.building
+    return building, [replace(pair, building_a=building, building_b=building) for pair in pairs]
 
 
 def _copied(folder: Path, number: int, path: Path, random: np.random.Generator) -> BuildingMap:

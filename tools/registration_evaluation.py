@@ -16,11 +16,15 @@ from numpy.typing import NDArray
 
 from fusion.alignment import Alignment
 from fusion.evaluation import error_at_points
+from fusion.layered import register_layers
+from fusion.ranking import Ranking
 from fusion.registration import Method, register
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from tools.errors import UsageError
+from tools.hypothesis_pools import HypothesisPool
 from tools.pair_files import BANDS, KINDS, MapPair, load_grids, read_pairs
+from tools.ranking_learning import Growth, held_out_scores, ranking_without
 from tools.registration_scores import summary_of
 from tools.results import Report
 
@@ -31,7 +35,7 @@ _PLACES = ("true", "wrong", "same", "other")
 
 def evaluate_registration(
     folder: Path,
-    registered: Register,
+    registered: Register | Sequence[Register],
     pairs: Sequence[MapPair],
     seed: int,
     jobs: int,
@@ -39,7 +43,8 @@ def evaluate_registration(
 ) -> Report:
     """Register the pairs of a folder's list; return the summary with a row for each pair, failures included.
 
-    registered must be a function of a module where jobs, the number of processes, is above 1. Raises MapFileError.
+    registered: for all pairs, or one for each; a function of a module where jobs, the number of processes, is above 1.
+    Raises MapFileError.
     """
     rows = []
     for row in registered_rows(registered, pairs, seed, jobs):
@@ -51,6 +56,24 @@ def evaluate_registration(
 def register_by(method: Method, a: OccupancyGrid, b: OccupancyGrid, seed: int) -> Alignment:
     """Run one of the registration's methods; partial(register_by, "thesis") can be sent to another process."""
     return register(a, b, method, seed)
+
+
+def register_ranked(ranking: Ranking, a: OccupancyGrid, b: OccupancyGrid, seed: int) -> Alignment:
+    """Run the default registration with another ranking than the one that comes with the program."""
+    return register_layers(a, b, ranking=ranking, seed=seed)
+
+
+def left_out_registrations(
+    pairs: Sequence[MapPair], pools: Sequence[HypothesisPool], on_progress: Callable[[str], None]
+) -> list[Register]:
+    """Return for each pair the registration whose ranking is learned from the pools that touch neither building.
+
+    The pools are those of these pairs and of any others. Raises ToolError where nothing is left to learn from.
+    """
+    groups = [frozenset((pair.building_a, pair.building_b)) for pair in pairs]
+    held_out = held_out_scores(pools, Growth(), on_progress)
+    rankings = {group: ranking_without(held_out, group) for group in set(groups)}
+    return [partial(register_ranked, rankings[group]) for group in groups]
 
 
 def chosen_pairs(folder: Path, only: Sequence[str], sample: int | None, seed: int) -> list[MapPair]:
@@ -74,26 +97,29 @@ def chosen_pairs(folder: Path, only: Sequence[str], sample: int | None, seed: in
     return [kept[number] for number in sorted(numbers.tolist())]
 
 
-def registered_rows(registered: Register, pairs: Sequence[MapPair], seed: int, jobs: int) -> Iterator[Report]:
+def registered_rows(
+    registered: Register | Sequence[Register], pairs: Sequence[MapPair], seed: int, jobs: int
+) -> Iterator[Report]:
     """Yield the row of each pair, in their order.
 
     The first pair is registered once more beforehand in every process: what is compiled at the first use costs no pair
     its time. One thread a process.
     """
-    work = partial(registered_row, registered, seed)
     if not pairs:
         return
+    each = [registered] * len(pairs) if callable(registered) else registered
+    work = partial(registered_row, seed)
     if jobs <= 1:
-        _warm_up(registered, pairs[0], seed)
-        yield from map(work, pairs)
+        _warm_up(each[0], pairs[0], seed)
+        yield from map(work, each, pairs)
         return
     with ProcessPoolExecutor(
         jobs,
         mp_context=multiprocessing.get_context("spawn"),
         initializer=_warm_up,
-        initargs=(registered, pairs[0], seed),
+        initargs=(each[0], pairs[0], seed),
     ) as pool:
-        yield from pool.map(work, pairs)
+        yield from pool.map(work, each, pairs)
 
 
 def _warm_up(registered: Register, pair: MapPair, seed: int) -> None:
@@ -101,7 +127,7 @@ def _warm_up(registered: Register, pair: MapPair, seed: int) -> None:
     registered(*load_grids(pair), seed)
 
 
-def registered_row(registered: Register, seed: int, pair: MapPair) -> Report:
+def registered_row(seed: int, registered: Register, pair: MapPair) -> Report:
     """Register one pair and return its row; cpu_s is the processor's time without reading the files."""
     a, b = load_grids(pair)
     started = time.process_time()

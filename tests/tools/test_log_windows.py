@@ -10,7 +10,7 @@ import pytest
 
 from mapping import se2
 from tools.errors import ToolError
-from tools.log_windows import BAND_LIMITS, as_camera, draw_windows, map_of
+from tools.log_windows import BAND_LIMITS, as_camera, draw_windows, map_of, thinned
 from tools.pair_overlap import common_free, wall_line
 
 
@@ -78,3 +78,34 @@ def test_the_noise_of_a_camera_grows_with_the_square_of_the_range(corridor_drive
     noise = as_camera(drive, np.random.default_rng(1)).points[0][:, 0] - beam[:, 0]
     assert noise[:4000].std() == pytest.approx(0.003, rel=0.1)
     assert noise[4000:].std() == pytest.approx(0.003 * 16.0, rel=0.1)
+
+
+def test_a_dense_drive_is_thinned_to_its_motion(corridor_drive):
+    times = np.repeat(np.arange(len(corridor_drive.poses)), 5)
+    dense = replace(
+        corridor_drive, poses=corridor_drive.poses[times], points=tuple(corridor_drive.points[n] for n in times)
+    )
+    again = thinned(dense)
+    assert np.array_equal(again.poses, corridor_drive.poses)
+    assert again.points[7] is corridor_drive.points[7]
+    steps = np.hypot(*np.diff(thinned(corridor_drive, 1.4, np.pi / 2.0).poses[:60, :2], axis=0).T)
+    assert steps == pytest.approx(1.5)
+    turning = replace(
+        corridor_drive,
+        poses=np.column_stack([np.zeros((119, 2)), np.radians(np.arange(119.0))]),
+        points=corridor_drive.points[:119],
+    )
+    assert np.degrees(thinned(turning, 0.1, np.radians(9.5)).poses[:3, 2]) == pytest.approx([0.0, 10.0, 20.0])
+
+
+def test_windows_of_a_dense_drive_are_judged_alike_by_fewer_scans(corridor_drive):
+    """Each scan eight times over: the maps of its windows are those of the drive, whichever of the eight are taken."""
+    times = np.repeat(np.arange(len(corridor_drive.poses)), 8)
+    dense = replace(
+        corridor_drive, poses=corridor_drive.poses[times], points=tuple(corridor_drive.points[n] for n in times)
+    )
+    for pair in draw_windows(dense, 1, 1, np.random.default_rng(3), 60):
+        a, b = (map_of(dense, part, 0.2, se2.IDENTITY) for part in (pair.first, pair.second))
+        share = common_free(a, b, se2.IDENTITY).share
+        low, high = BAND_LIMITS[pair.band] if pair.band else (0.0, 0.0021)
+        assert low - 0.05 <= share < high + 0.05

@@ -10,7 +10,7 @@ import pytest
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from tools.errors import ToolError
-from tools.pair_files import LIST_NAME, MapPair, PairTruth, load_grids, read_pairs, write_pairs
+from tools.pair_files import LIST_NAME, MapPair, PairTruth, joined_pairs, load_grids, read_pairs, write_pairs
 
 RANDOM = np.random.default_rng(3)
 POINTS = RANDOM.uniform(-50.0, 50.0, (7, 2))
@@ -49,6 +49,26 @@ def test_a_list_goes_with_its_folder(tmp_path):
     moved = first.rename(tmp_path / "second")
     for loaded in load_grids(read_pairs(moved)[0]):
         assert (np.sign(loaded.log_odds) == np.sign(grid.log_odds)).all()
+
+
+def test_lists_are_joined_and_no_name_is_lost(tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    for folder, pairs in ((one, listed(one)), (two, listed(two)[:2])):
+        folder.mkdir()
+        write_pairs(folder, pairs, "a test")
+    joined = joined_pairs([one, two])
+    assert [pair.name for pair in joined] == [
+        "one-true",
+        "one-same building",
+        "other building",
+        "two-true",
+        "two-same building",
+    ]
+    assert [pair.a.parent.parent.name for pair in joined] == ["one"] * 3 + ["two"] * 2
+    write_pairs(tmp_path, joined, "a test")
+    assert [pair.a.resolve() for pair in read_pairs(tmp_path)] == [pair.a.resolve() for pair in joined]
+    with pytest.raises(ToolError, match="the name of two pairs"):
+        joined_pairs([one, one])
 
 
 def spoilt(tmp_path, change):

@@ -15,7 +15,7 @@ from tools.pair_files import load_grids
 from tools.pair_making import WindowPlan, copy_map, window_pairs, write_scale_map
 from tools.pair_overlap import common_free, common_wall_m, wall_line
 
-PLAN = WindowPlan(2, 1, ("lidar", "resolution", "camera"), tries=120)
+PLAN = WindowPlan(2, 1, ("lidar", "resolution", "camera", "bent"), tries=120)
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +44,7 @@ def test_at_the_true_pose_the_files_agree_as_the_list_says(made):
 
 def test_no_other_pose_nearby_shares_as_much_wall(made):
     for pair in made[1]:
-        if pair.truth is None or pair.kind == "camera":
+        if pair.truth is None or pair.kind in {"camera", "bent"}:
             continue
         lines = [wall_line(grid) for grid in load_grids(pair)]
         at_truth = common_wall_m(lines[0], lines[1], pair.truth.T_a_b, 0.1)
@@ -58,22 +58,30 @@ def test_the_points_of_the_truth_lie_in_free_space_of_both(made):
             continue
         for grid, points in zip(load_grids(pair), (pair.truth.points_a, pair.truth.points_b), strict=True):
             cols, rows = np.floor(grid.cell_coordinates(points)).astype(int).T
-            assert (grid.log_odds[rows, cols] < -0.6).mean() > 0.95
-        moved = se2.transform_points(pair.truth.T_a_b, pair.truth.points_b)
-        assert moved == pytest.approx(pair.truth.points_a)
+            cells = grid.log_odds[rows, cols]
+            if pair.kind == "bent":  # walls are moved with the points, but beams pass them elsewhere
+                assert (cells > 0.6).mean() < 0.2
+            else:
+                assert (cells < -0.6).mean() > 0.95
+        apart = np.hypot(*(se2.transform_points(pair.truth.T_a_b, pair.truth.points_b) - pair.truth.points_a).T)
+        assert np.sqrt((apart**2).mean()) == pytest.approx(pair.truth.right_m - 0.5, abs=1e-6)
+        assert (apart.max() > 0.01) == (pair.kind == "bent")
 
 
 def test_the_kinds_have_their_resolutions_and_frames(made):
     for pair in made[1]:
         resolutions = [read_map_yaml(path).resolution_m for path in (pair.a, pair.b)]
-        assert resolutions == {"resolution": [0.04, 0.1]}.get(pair.kind, [0.05, 0.05])
+        if pair.kind == "bent":
+            assert set(resolutions) <= {0.04, 0.05, 0.1}
+        else:
+            assert resolutions == {"resolution": [0.04, 0.1]}.get(pair.kind, [0.05, 0.05])
     turns = {round(float(pair.truth.T_a_b[2]), 6) for pair in made[1] if pair.truth is not None}
     assert len(turns) == sum(pair.truth is not None for pair in made[1])
 
 
 def test_same_seed_same_bytes_and_another_seed_other_frames(made, corridor_drive, tmp_path):
     _, pairs = made
-    plan = replace(PLAN, kinds=("camera",))
+    plan = replace(PLAN, kinds=("camera", "bent"))
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
     one, two = (window_pairs(tmp_path / name, corridor_drive, plan, 7) for name in ("one", "two"))

@@ -46,6 +46,7 @@ def test_a_recording_is_read_with_its_trajectory(log, corridor_drive, tmp_path):
     scans = read_drive(Drive(raw, tmp_path / "trajectory.tum"))
     assert np.abs(scans.poses - moved)[:, :2].max() < 1e-3
     assert len(scans.points) == len(lines)
+    assert scans.building == "raw"
 
 
 def test_the_command_makes_pairs_with_others_and_refuses_a_folder_that_is_there(log, cli, tmp_path):
@@ -65,6 +66,25 @@ def test_the_command_makes_pairs_with_others_and_refuses_a_folder_that_is_there(
     assert (again.code, len(again.error_lines)) == (1, 1)
 
 
+def test_drives_of_one_building_are_named_so_and_their_lists_joined(log, cli, tmp_path):
+    for name in ("monday", "tuesday"):
+        arguments = ("-o", tmp_path / name, "--windows", "1", "--wrong", "1", "--kinds", "bent", "--tries", "60")
+        assert cli("pairs", log, *arguments, "--building", "town-hall").code == 0
+    outcome = cli("pairs", "--join", tmp_path / "monday", "--join", tmp_path / "tuesday", "-o", tmp_path / "week")
+    assert outcome.code == 0, outcome.err
+    one, week = read_pairs(tmp_path / "monday"), read_pairs(tmp_path / "week")
+    assert {pair.building_a for pair in week} == {pair.building_b for pair in week} == {"town-hall"}
+    assert [pair.name for pair in week[: len(one)]] == [f"monday-{pair.name}" for pair in one]
+    assert len({pair.name for pair in week}) == len(week) == 2 * len(one)
+    for pair, joined in zip(one, week, strict=False):
+        assert joined.a.resolve() == pair.a.resolve()
+        assert joined.a.is_file()
+        assert (joined.truth is None) == (pair.truth is None)
+    again = cli("pairs", "--join", tmp_path / "monday", "--join", tmp_path / "monday", "-o", tmp_path / "twice")
+    assert (again.code, len(again.error_lines)) == (1, 1)
+    assert not (tmp_path / "twice").exists()
+
+
 def test_bad_input_is_one_line(log, cli, tmp_path):
     short, empty = tmp_path / "short.log", tmp_path / "empty.log"
     short.write_text("\n".join(log.read_text().splitlines()[:60]) + "\n")
@@ -79,6 +99,9 @@ def test_bad_input_is_one_line(log, cli, tmp_path):
         ([log, "--public", tmp_path], 2),
         ([log, "--kinds", "sonar"], 2),
         ([log, "--trajectory", "a.tum", "--trajectory", "b.tum"], 2),
+        ([log, "--building", "a", "--building", "b"], 2),
+        ([log, "--join", tmp_path], 2),
+        (["--join", tmp_path], 1),
     ):
         outcome = cli("pairs", *arguments, "-o", tmp_path / "pairs")
         assert (outcome.code, len(outcome.error_lines)) == (code, 1), outcome.err

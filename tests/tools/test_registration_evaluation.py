@@ -134,6 +134,19 @@ def test_the_truth_aligns_all_true_pairs_and_merges_all_wrong_ones(listed, jobs)
         assert {row["reason"] for row in rows} == {"seed 4"}
 
 
+def knows_nothing(a: OccupancyGrid, b: OccupancyGrid, seed: int) -> Alignment:
+    """Refuse."""
+    del a, b, seed
+    return Alignment(None, False, "no idea")
+
+
+def test_each_pair_may_have_a_registration_of_its_own(listed):
+    registered = [knows_the_answer, knows_nothing, knows_nothing, knows_the_answer]
+    report = evaluate_registration(listed, registered, chosen_pairs(listed, [], None, 0), 4, 1, lambda _: None)
+    assert [row["accepted"] for row in report["rows"]] == [True, False, False, True]
+    assert report["true_pairs"]["aligned"] == 1
+
+
 def importable_register():
     """A registration that another process can import."""
     from functools import partial

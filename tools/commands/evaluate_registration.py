@@ -4,12 +4,19 @@ from __future__ import annotations
 
 import json
 import logging
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tools.commands.options import Json, MethodName, Seed, print_json
+from tools.errors import UsageError
+
+if TYPE_CHECKING:
+    from tools.hypothesis_pools import Search
+    from tools.pair_files import MapPair
+    from tools.registration_evaluation import Register
 
 log = logging.getLogger(__name__)
 
@@ -31,6 +38,18 @@ def registration(
     ] = None,
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 1,
+    leave_one_out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="PAIRS",
+            help="Learn the ranking anew for each pair, from these pairs and PAIRS without its buildings; repeatable.",
+        ),
+    ] = None,
+    cache: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="With --leave-one-out: hypotheses of pairs, as `learn --cache` keeps them."),
+    ] = None,
+    deep: Annotated[bool, typer.Option("--deep", help="With --leave-one-out: learn as `learn --deep` does.")] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Folder for rows.jsonl, report.json and plots."),
@@ -45,13 +64,21 @@ def registration(
     from contextlib import ExitStack
     from functools import partial
 
+    from tools.hypothesis_pools import Search
     from tools.registration_evaluation import chosen_pairs, evaluate_registration, register_by
     from tools.registration_scores import failure_lines, table_of
     from tools.results import Report, check_run_folder, new_run_folder, writing_to
 
     if output is not None:
         check_run_folder(output)
+    if (cache is not None or deep) and leave_one_out is None:
+        raise UsageError(f"--{'deep' if deep else 'cache'}: only with --leave-one-out")
+    if leave_one_out is not None and method != MethodName.default:
+        raise UsageError(f"--leave-one-out: method {method.value} learns nothing: leave one of the two out")
     chosen = chosen_pairs(pairs, only or [], sample, seed)
+    registered: Register | list[Register] = partial(register_by, method.value)
+    if leave_one_out is not None:
+        registered = _left_out(chosen, [pairs, *leave_one_out], cache, Search(seed, deep), jobs)
     with ExitStack() as open_files:
         rows_file = None
         if output is not None:
@@ -67,8 +94,9 @@ def registration(
                 rows_file.write(json.dumps(row) + "\n")
                 rows_file.flush()
 
-        report = evaluate_registration(pairs, partial(register_by, method.value), chosen, seed, jobs, on_row)
-    report = {"method": method.value, "only": only or [], **report}
+        report = evaluate_registration(pairs, registered, chosen, seed, jobs, on_row)
+    trained = [folder.resolve().name for folder in leave_one_out or []]
+    report = {"method": method.value, "only": only or [], "leave_one_out": trained, **report}
     if output is not None:
         _save(output, report)
     if as_json:
@@ -76,6 +104,22 @@ def registration(
         return
     for line in (*table_of(report), "", *failure_lines(report)):
         typer.echo(line)
+
+
+def _left_out(
+    chosen: Sequence[MapPair], lists: Sequence[Path], cache: Path | None, search: Search, jobs: int
+) -> list[Register]:
+    """Return a registration for each chosen pair, its ranking learned from the lists without the pair's buildings."""
+    from tools.hypothesis_pools import keyed_pairs, pools_of
+    from tools.ranking_learning import check_installed
+    from tools.registration_evaluation import left_out_registrations
+    from tools.results import check_new_file
+
+    check_installed()
+    if cache is not None:
+        check_new_file(cache)
+    keyed = {key: pair for folder in lists for key, pair in keyed_pairs(folder).items()}
+    return left_out_registrations(chosen, pools_of(keyed, search, jobs, cache, log.info), log.info)
 
 
 def _save(folder: Path, report: dict[str, Any]) -> None:

@@ -26,9 +26,17 @@ def pairs(
         list[Path] | None,
         typer.Option(metavar="TUM", help="The trajectory.tum that `replay` wrote of a SOURCE; one for each, in order."),
     ] = None,
+    building: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="What a SOURCE was driven in; one for each, in order. [default: its name]"),
+    ] = None,
     windows: Annotated[int, typer.Option(min=0, help="Places a SOURCE and band of overlap (low, mid, high).")] = 8,
     kinds: Annotated[
-        str, typer.Option(help="Maps made of each place: two alike, two resolutions, and one as a depth camera sees.")
+        str,
+        typer.Option(
+            help="Maps made of each place: two alike, two resolutions, one as a depth camera sees; "
+            "bent: two deformed, each by a random field."
+        ),
     ] = "lidar,resolution,camera",
     wrong: Annotated[
         int, typer.Option(min=0, help="Places a SOURCE without common free space, and pairs with --others.")
@@ -43,6 +51,13 @@ def pairs(
             metavar="DIR", help="Instead of SOURCEs: the set of about 950 pairs from this folder of data sets."
         ),
     ] = None,
+    tries: Annotated[int, typer.Option(min=1, help="Random windows to look at, a SOURCE.")] = 3000,
+    join: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="DIR", help="Instead of SOURCEs: a folder of pairs to take, its maps left there; repeatable."
+        ),
+    ] = None,
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 1,
 ) -> None:
@@ -51,28 +66,32 @@ def pairs(
     Two windows of one drive share a scan never, and some of their space; the second map is drawn in a random frame.
     Same input and seed, same pairs.
     """
-    from tools.pair_files import write_pairs
-    from tools.pair_making import RESOLUTIONS_M, WindowPlan
+    from tools.pair_files import joined_pairs, write_pairs
+    from tools.pair_making import WINDOW_KINDS, WindowPlan
     from tools.public_pairs import ORIGIN, public_pairs
     from tools.recorded_pairs import Drive, new_pair_folder, recorded_pairs
 
     chosen: list[Path] = sources or []
     tracks: list[Path | None] = [*(trajectory or [])]
-    if bool(chosen) == (public is not None):
-        raise UsageError("name one or more SOURCEs, or --public with the folder of the data sets")
+    names: list[str | None] = [*(building or [])]
+    if sum((bool(chosen), public is not None, bool(join))) != 1:
+        raise UsageError("name one or more SOURCEs, or --public with the folder of the data sets, or --join")
     if tracks and len(tracks) != len(chosen):
         raise UsageError(f"{len(tracks)} --trajectory for {len(chosen)} SOURCEs: name one for each, or none")
-    unknown = [kind for kind in kinds.split(",") if kind not in RESOLUTIONS_M]
+    if names and len(names) != len(chosen):
+        raise UsageError(f"{len(names)} --building for {len(chosen)} SOURCEs: name one for each, or none")
+    unknown = [kind for kind in kinds.split(",") if kind not in WINDOW_KINDS]
     if unknown:
-        raise UsageError(f"--kinds {unknown[0]!r}: expected of {', '.join(RESOLUTIONS_M)}, with commas between")
+        raise UsageError(f"--kinds {unknown[0]!r}: expected of {', '.join(WINDOW_KINDS)}, with commas between")
     with new_pair_folder(output) as folder:
-        if public is not None:
+        if join:
+            made, origin = joined_pairs(join), ", ".join(folder.resolve().name for folder in join)
+        elif public is not None:
             made, origin = public_pairs(folder / "maps", public, seed, jobs, log.info), ORIGIN
         else:
-            drives = [
-                Drive(source, track) for source, track in zip(chosen, tracks or [None] * len(chosen), strict=True)
-            ]
-            plan = WindowPlan(windows, wrong, tuple(kinds.split(",")))
+            none = [None] * len(chosen)
+            drives = [Drive(*each) for each in zip(chosen, tracks or none, names or none, strict=True)]
+            plan = WindowPlan(windows, wrong, tuple(kinds.split(",")), tries)
             made = recorded_pairs(folder / "maps", drives, plan, others or [], seed, jobs, log.info)
             origin = ", ".join(source.name for source in chosen)
         write_pairs(folder, made, origin)
