@@ -36,13 +36,14 @@ class LayeredSettings:
 
     accept: probability from which a pose is believed. least_wall_m: of wall that both maps must show in one place;
     least_weak_m: of it, how much must hold the pose in its weakest direction. ambiguous: share of the best one's
-    probability at which another place makes it a toss. sure: below this probability a deep search follows the fast one.
-    listed: alternatives are named from this probability on, and at most most_listed.
+    probability, if that is at least `likely`, at which another place makes it a toss. sure: below this probability a
+    deep search follows the fast one. listed: alternatives are named from this probability on, and at most most_listed.
     """
 
     accept: float = 0.9
     least_wall_m: float = 3.0
     least_weak_m: float = 0.5
+    likely: float = 0.15
     ambiguous: float = 0.3
     listed: float = 0.05
     most_listed: int = 4
@@ -143,7 +144,8 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
         reason = f"only {wall_m:.1f} m of wall are seen in both maps, {rule.least_wall_m:g} m are needed"
         return replace(found, accepted=False, reason=reason)
     rival = _strongest_rival(weighed)
-    if rival is not None and weighed.probability[rival] > rule.ambiguous * weighed.probability[best]:
+    best_p = float(weighed.probability[best])
+    if rival is not None and best_p >= rule.likely and weighed.probability[rival] > rule.ambiguous * best_p:
         return replace(found, accepted=False, ambiguous=True, reason=_toss_in_words(weighed, rival))
     weak_m = float(min(evidence.b_on_a.weak[best], evidence.a_on_b.weak[best]))
     if weak_m < rule.least_weak_m:
