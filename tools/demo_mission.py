@@ -6,50 +6,23 @@ import json
 import logging
 import shutil
 import time
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fusion.evaluation import alignment_error
 from mapping import se2
-from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
-from mapping.metrics import absolute_trajectory_error
-from mapping.trajectory import Trajectory, read_tum
+from mapping.trajectory import read_tum
 from tools.demo_cars import CarFiles, DemoCar, Stopped, drive_live, run_command
+from tools.demo_scores import MappedCar, read_car, score_alignment, score_car, score_common
 from tools.errors import ToolError
 from tools.exit_codes import ExitCode
 from tools.results import Report
 from tools.signals import stop_on_signals
 
 log = logging.getLogger(__name__)
-FloatArray = NDArray[np.float64]
 CARS = (DemoCar("A", "A2M8", "office-west", 0.04), DemoCar("B", "A2M12", "office-east", 0.05, motor_pwm=792))
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MappedCar:
-    """What one car brought home, and where it really was."""
-
-    car: DemoCar
-    grid: OccupancyGrid
-    trajectory: Trajectory
-    truth: Trajectory
-
-    @property
-    def T_world_map(self) -> FloatArray:  # noqa: N802 - the name says which frames
-        """The true pose (3,) of the map frame: where base_link was at the first mapped scan."""
-        first = max(int(self.trajectory.stamps_ns[0]), int(self.truth.stamps_ns[0]))
-        true_pose = self.truth.at(np.array([first], dtype=np.int64))[0]
-        return se2.compose(true_pose, se2.inverse(self.trajectory.poses[0]))
-
-    @property
-    def T_world_drive(self) -> FloatArray:  # noqa: N802
-        """The pose (3,) of the map frame that fits the whole drive best: without the map's error at its first scan."""
-        return np.array(absolute_trajectory_error(self.trajectory, self.truth).T_truth_estimate)
 
 
 def run_demo(folder: Path, seed: int) -> Report | None:
@@ -97,22 +70,18 @@ def _mission(folder: Path, files: list[CarFiles], seed: int, stopped: Stopped) -
     log.info("4/5  a path from where car A started to where car B started: mapfuse-robot plan")
     planned = _plan(folder, files, fused, seed, stopped)
     log.info("5/5  all is scored against the simulator's truth")
-    mapped = [_read_car(car, each) for car, each in zip(CARS, files, strict=True)]
+    mapped = [read_car(car, each) for car, each in zip(CARS, files, strict=True)]
+    a, b = mapped
     report: Report = {
         "simulated": True,
         "seed": seed,
-        "cars": [_score_car(each, result, count) for each, result, count in zip(mapped, files, emitted, strict=True)],
-        "alignment": _score_alignment(mapped, fused["pairs"][0]),
+        "cars": [score_car(each, result, count) for each, result, count in zip(mapped, files, emitted, strict=True)],
+        "common": score_common(a, b),
+        "alignment": score_alignment(a, b, fused["pairs"][0]),
         "plan": {key: planned[key] for key in ("solved", "error", "length_m", "seconds", "min_clearance_m")},
     }
     _draw(folder, mapped, fused, planned, report)
     return report
-
-
-def _read_car(car: DemoCar, files: CarFiles) -> MappedCar:
-    return MappedCar(
-        car, read_map(files.live / "map.npz"), read_tum(files.live / "trajectory.tum"), read_tum(files.truth)
-    )
 
 
 def _plan(folder: Path, files: list[CarFiles], fused: Report, seed: int, stopped: Stopped) -> Report:
@@ -139,49 +108,6 @@ def _plan(folder: Path, files: list[CarFiles], fused: Report, seed: int, stopped
     return planned
 
 
-def _score_car(mapped: MappedCar, files: CarFiles, emitted: int) -> Report:
-    report = json.loads((files.live / "report.json").read_text(encoding="utf-8"))
-    error = absolute_trajectory_error(mapped.trajectory, mapped.truth)
-    span_s = float(np.ptp(mapped.truth.stamps_ns)) * 1e-9
-    return {
-        "name": mapped.car.name,
-        "model": mapped.car.model,
-        "resolution_m": mapped.car.resolution_m,
-        "driven_m": round(mapped.truth.length_m, 2),
-        "driven_s": round(span_s, 1),
-        "decoded": report["decoder"]["samples"],
-        "emitted": emitted,
-        "scans_hz": round((report["trajectory"]["poses"] - 1) / report["trajectory"]["duration_s"], 1),
-        "mapped_scans": report["scans"]["mapped"],
-        "dropped_scans": report["dropped_scans"],
-        "rms_m": round(error.rms_m, 4),
-        "max_m": round(error.max_m, 4),
-        "identical": _same(files),
-    }
-
-
-def _score_alignment(mapped: list[MappedCar], pair: Report) -> Report:
-    a, b = mapped
-    true_T_a_b = se2.between(a.T_world_map, b.T_world_map)
-    scored: Report = {
-        "accepted": pair["accepted"],
-        "reason": pair["reason"],
-        "seconds": pair["seconds"],
-        "frames_apart_m": round(float(np.hypot(*true_T_a_b[:2])), 2),
-        "frames_apart_deg": round(float(np.degrees(abs(true_T_a_b[2]))), 1),
-        "rms_m": None,
-        "rotation_deg": None,
-        "rms_between_maps_m": None,
-    }
-    if pair["dx"] is not None:
-        found = np.array([pair["dx"], pair["dy"], np.radians(pair["theta_deg"])])
-        error = alignment_error(a.grid, b.grid, found, true_T_a_b)
-        scored |= {"rms_m": round(error.rms_m, 4), "rotation_deg": round(error.rotation_deg, 3)}
-        between_maps = alignment_error(a.grid, b.grid, found, se2.between(a.T_world_drive, b.T_world_drive))
-        scored["rms_between_maps_m"] = round(between_maps.rms_m, 4)
-    return scored
-
-
 def _draw(folder: Path, mapped: list[MappedCar], fused: Report, planned: Report, report: Report) -> None:
     from tools.plots import MissionPicture, draw_mission
 
@@ -191,6 +117,7 @@ def _draw(folder: Path, mapped: list[MappedCar], fused: Report, planned: Report,
     title = "the maps were NOT fused"
     if together:
         title = f"fused with an error of {scored['rms_m'] * 100:.1f} cm and {scored['rotation_deg']:.2f} deg"
+    title += f"; common: {_common(report)}"
     picture = MissionPicture(
         names=tuple(f"car {each.car.name} ({each.car.model}, {each.car.resolution_m:g} m)" for each in mapped),
         grids=tuple(each.grid for each in mapped),
@@ -216,6 +143,7 @@ def table(folder: Path, report: Report) -> str:
             ("", f"{car['decoded']} of {car['emitted']} points decoded ({car['decoded'] / car['emitted']:.2%})"),
             ("", f"trajectory error {car['rms_m'] * 100:.1f} cm rms, replay and live run {same}"),
         ]
+    rows.append(("common", _common(report)))
     scored, planned = report["alignment"], report["plan"]
     rows.append(("frames apart", f"{scored['frames_apart_m']:.1f} m, {scored['frames_apart_deg']:.0f} deg"))
     verdict = "fused" if scored["accepted"] else "REFUSED"
@@ -232,10 +160,10 @@ def table(folder: Path, report: Report) -> str:
     return "Simulated data:\n" + "\n".join(f"  {name:<{width}}  {value}".rstrip() for name, value in rows)
 
 
-def _same(files: CarFiles) -> bool:
-    """Whether live run and replay gave the same bytes."""
-    names = ("trajectory.tum", "map.pgm", "map.yaml")
-    return all((files.live / name).read_bytes() == (files.replay / name).read_bytes() for name in names)
+def _common(report: Report) -> str:
+    """Return what the two maps share, in words."""
+    common = report["common"]
+    return f"{common['overlap']:.0%} of the smaller map's free space, {common['wall_m']:.0f} m of wall"
 
 
 def _clear(folder: Path) -> None:

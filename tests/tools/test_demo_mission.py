@@ -9,12 +9,20 @@ import time
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
+from mapping import se2
+from mapping.grid import GridBuilder, OccupancyGrid
+from mapping.sensor_models import LidarModel
+from mapping.trajectory import Trajectory
 from tools import demo_cars
 from tools.demo_cars import CarFiles, DemoCar, drive_live, run_command
-from tools.demo_mission import exit_code_of, run_demo
+from tools.demo_mission import CARS, exit_code_of, run_demo
+from tools.demo_scores import MappedCar, score_common
+from tools.emulation import Drive
 from tools.errors import ToolError
+from tools.world import office
 
 CAR = DemoCar("A", "A2M8", "office-west", 0.05)
 
@@ -38,11 +46,48 @@ def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     assert result["alignment"]["rms_m"] < 0.15
     assert result["alignment"]["frames_apart_m"] > 5.0
     assert result["alignment"]["frames_apart_deg"] > 30.0
+    assert result["common"]["overlap"] == pytest.approx(0.33, abs=0.03)
+    assert result["common"]["wall_m"] > 10.0
     assert result["plan"]["solved"] is True
     assert cv2.imread(str(folder / "demo.png")).shape[0] > 500
     assert out.startswith("Simulated data")  # the result is on stdout, the progress is not
     assert "cm" in out
+    assert "of the smaller map's free space" in out
     assert "1/5" in err
+
+
+def mapped_without_error(car: DemoCar) -> MappedCar:
+    """What a car would bring home if it knew where it is, from 5 scans of 400 beams a second."""
+    truth, world, bearings = Drive.tour(car.drive).truth, office(), np.linspace(-np.pi, np.pi, 400, endpoint=False)
+    T_map_world = se2.inverse(truth.poses[0])
+    trajectory = Trajectory(truth.stamps_ns, np.array([se2.compose(T_map_world, pose) for pose in truth.poses]))
+    builder = GridBuilder(car.resolution_m, LidarModel())
+    rays = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    for true, pose in zip(truth.poses[::4], trajectory.poses[::4], strict=True):
+        ranges = world.ranges(np.tile(true, (len(bearings), 1)), bearings, 12.0)
+        seen = ranges > 0.0
+        builder.add_scan(pose[:2], se2.transform_points(pose, ranges[seen, np.newaxis] * rays[seen]))
+    return MappedCar(car, builder.grid(), trajectory, truth)
+
+
+def is_free(grid: OccupancyGrid, place: np.ndarray) -> bool:
+    """Whether the map has free space at a place (2,) in its frame."""
+    col, row = np.floor(grid.cell_coordinates(place[np.newaxis])[0]).astype(int)
+    inside = 0 <= row < grid.log_odds.shape[0] and 0 <= col < grid.log_odds.shape[1]
+    return bool(inside and grid.free[row, col])
+
+
+def test_the_drives_share_a_third_and_the_goal_needs_both_maps():
+    a, b = (mapped_without_error(car) for car in CARS)
+    common = score_common(a, b)
+    assert 0.30 <= common["overlap"] <= 0.36
+    assert common["wall_m"] > 10.0
+    for here, there in ((a, b), (b, a)):
+        T_there_here = se2.between(there.T_world_map, here.T_world_map)
+        assert is_free(here.grid, np.zeros(2))  # each car starts at the origin of its map
+        assert not is_free(there.grid, T_there_here[:2])
+    for car in (a, b):
+        assert 35.0 < float(np.ptp(car.truth.stamps_ns)) * 1e-9 < 45.0
 
 
 def test_demo_does_not_empty_a_folder_that_is_not_its_own(tmp_path):
