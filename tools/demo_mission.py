@@ -21,7 +21,7 @@ from tools.results import Report
 from tools.signals import stop_on_signals
 
 log = logging.getLogger(__name__)
-CARS = (DemoCar("A", "A2M8", "office-west", 0.04), DemoCar("B", "A2M12", "office-east", 0.05, motor_pwm=792))
+CARS = (DemoCar("A", "A2M8", "wings-west", 0.04), DemoCar("B", "A2M12", "wings-east", 0.05, motor_pwm=792))
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
 
 

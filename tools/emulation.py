@@ -18,7 +18,7 @@ from tools.clock import RunClock
 from tools.config import Config
 from tools.results import writing_to
 from tools.simulator import SimulatedLidar, drive_along
-from tools.world import OFFICE_TOURS, load_world
+from tools.world import TOURS, load_world
 
 NOISE = (0.004, 0.003)  # m, and share of the range: an A2's ranges scatter by about 1 cm at 2 m
 DROPOUT = 0.01
@@ -34,8 +34,9 @@ class Drive:
 
     @staticmethod
     def tour(name: str) -> Drive:
-        """Return one of the drives through the office, OFFICE_TOURS."""
-        return Drive(drive_along(OFFICE_TOURS[name]), f"{name} tour")
+        """Return one of TOURS, the drives through a built-in world."""
+        _, waypoints = TOURS[name]
+        return Drive(drive_along(waypoints), f"{name} tour")
 
     @staticmethod
     def standing(pose: tuple[float, float, float]) -> Drive:

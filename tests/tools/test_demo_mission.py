@@ -22,9 +22,9 @@ from tools.demo_mission import CARS, exit_code_of, run_demo
 from tools.demo_scores import MappedCar, score_common
 from tools.emulation import Drive
 from tools.errors import ToolError
-from tools.world import office
+from tools.world import wings
 
-CAR = DemoCar("A", "A2M8", "office-west", 0.05)
+CAR = DemoCar("A", "A2M8", "wings-west", 0.05)
 
 
 @pytest.mark.live
@@ -58,7 +58,7 @@ def test_demo_maps_fuses_and_plans(spawn, tmp_path):
 
 def mapped_without_error(car: DemoCar) -> MappedCar:
     """What a car would bring home if it knew where it is, from 5 scans of 400 beams a second."""
-    truth, world, bearings = Drive.tour(car.drive).truth, office(), np.linspace(-np.pi, np.pi, 400, endpoint=False)
+    truth, world, bearings = Drive.tour(car.drive).truth, wings(), np.linspace(-np.pi, np.pi, 400, endpoint=False)
     T_map_world = se2.inverse(truth.poses[0])
     trajectory = Trajectory(truth.stamps_ns, np.array([se2.compose(T_map_world, pose) for pose in truth.poses]))
     builder = GridBuilder(car.resolution_m, LidarModel())

@@ -12,7 +12,7 @@ from mapping.trajectory import Trajectory, write_tum
 from tools.demo_cars import CarFiles, DemoCar
 from tools.demo_scores import MappedCar, read_car, score_alignment, score_common
 
-CAR = DemoCar("A", "A2M8", "office-west", 0.05)
+CAR = DemoCar("A", "A2M8", "wings-west", 0.05)
 RESOLUTION_M = 0.05
 STAMPS_NS = np.arange(50, dtype=np.int64) * 100_000_000
 

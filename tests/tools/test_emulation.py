@@ -19,7 +19,13 @@ def test_a_truth_that_could_not_be_written_is_refused_before_the_drive(cli, tmp_
 
 
 @pytest.mark.parametrize(
-    "options", [("--model", "A1"), ("--world", "map.yaml"), ("--pose", "0", "0", "0", "--trajectory", "x")]
+    "options",
+    [
+        ("--model", "A1"),
+        ("--world", "map.yaml"),
+        ("--world", "office", "--drive", "wings-west"),
+        ("--pose", "0", "0", "0", "--trajectory", "x"),
+    ],
 )
 def test_options_that_do_not_fit_are_wrong_usage(options, cli):
     assert cli("emulate", "lidar", *options).code == 2

@@ -6,21 +6,26 @@ import pytest
 from mapping.errors import MapFileError
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
-from tools.world import load_world, office
+from tools.simulator import drive_along
+from tools.world import BUILT_IN, TOURS, load_world
 
 
-def test_office_is_not_its_own_mirror_image_in_any_axis():
-    walls = office().occupied
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_no_world_is_its_own_mirror_image_in_any_axis(name):
+    walls = load_world(name).occupied
     for image in (walls[::-1], walls[:, ::-1], walls[::-1, ::-1]):
         assert (image != walls).mean() > 0.05
 
 
-def test_office_is_closed():
-    world = office()
+@pytest.mark.parametrize("name", TOURS)
+def test_a_world_is_closed_and_its_drive_keeps_off_the_walls(name):
+    """Seen from everywhere on the drive; the car is 0.2 m wide."""
+    world, waypoints = TOURS[name]
     angles = np.linspace(0, 2 * np.pi, 400)
-    for start in ([3.0, 3.6], [13.0, 10.0], [8.0, 5.7]):
-        poses = np.tile([*start, 0.0], (len(angles), 1))
-        assert (world.ranges(poses, angles, 100.0) > 0).all()
+    walls = load_world(world)
+    for pose in drive_along(waypoints).poses[::10]:
+        ranges = walls.ranges(np.tile(pose, (len(angles), 1)), angles, 100.0)
+        assert (ranges > 0.11).all()
 
 
 def test_world_of_a_map_file_is_seen_as_the_map_says(tmp_path):

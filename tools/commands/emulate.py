@@ -13,12 +13,12 @@ from tools.commands.options import Json
 from tools.errors import UsageError
 
 
-class OfficeTour(str, Enum):
-    """The drives through the built-in office: a round trip, and one in each of two wings."""
+class Tour(str, Enum):
+    """The drives through the built-in worlds: a round trip in the office, and one in either wing of `wings`."""
 
     office = "office"
-    west = "office-west"
-    east = "office-east"
+    west = "wings-west"
+    east = "wings-east"
 
 
 app = typer.Typer(help="Emulate a device.", no_args_is_help=True, rich_markup_mode=None)
@@ -32,14 +32,19 @@ def devices() -> None:
 @app.command()
 def lidar(
     model: Annotated[str, typer.Option(help="A2M8 (115200 baud) or A2M12 (256000 baud).")] = "A2M8",
-    world: Annotated[str, typer.Option(metavar="MAP", help="A map's YAML file, or 'office'.")] = "office",
+    world: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MAP", help="A map's YAML file, 'office' or 'wings'; else that of the drive, or the office."
+        ),
+    ] = None,
     pose: Annotated[
         tuple[float, float, float] | None,
         typer.Option(metavar="X Y YAW", help="Stand here: pose of the car in the world, in m and rad."),
     ] = None,
     tour: Annotated[
-        OfficeTour, typer.Option("--drive", help="Which way through the office, without --pose and --trajectory.")
-    ] = OfficeTour.office,
+        Tour, typer.Option("--drive", help="Which way through a built-in world, without --pose and --trajectory.")
+    ] = Tour.office,
     trajectory: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Drive along these poses (TUM), from the first scan request on."),
@@ -61,6 +66,7 @@ def lidar(
     from tools.emulation import Drive, serve_lidar, simulated_lidar
     from tools.results import check_new_file
     from tools.signals import stop_on_signals
+    from tools.world import TOURS
 
     if model not in MODELS:
         raise UsageError(f"--model {model}: unknown, choose one of {', '.join(MODELS)}")
@@ -70,7 +76,8 @@ def lidar(
         raise UsageError(f"--pose {pose[0]:g} {pose[1]:g} {pose[2]:g}: expected finite x and y in m and yaw in rad")
     if truth is not None:
         check_new_file(truth)
-    if world != "office" and pose is None and trajectory is None:
+    toured, _ = TOURS[tour.value] if pose is None and trajectory is None else ("office", ())
+    if world not in {None, toured} and pose is None and trajectory is None:
         raise UsageError(f"--world {world}: say where the car is in it, with --pose or --trajectory")
     drive = (
         Drive.standing(pose)
@@ -79,6 +86,6 @@ def lidar(
         if trajectory
         else Drive.tour(tour.value)
     )
-    ranger = simulated_lidar(world, drive, noise=noise, seed=seed)
+    ranger = simulated_lidar(world or toured, drive, noise=noise, seed=seed)
     with stop_on_signals() as stop:
         serve_lidar(MODELS[model], ranger, drive, stop, truth=truth, link=link, as_json=as_json)
