@@ -58,6 +58,7 @@ def test_align_prints_the_pose_of_b_in_a(cli, two_maps):
     assert report["common_wall_m"] > 3.0
     assert report["alternatives"] == []
     assert report["ambiguous"] is False
+    assert 0.3 < report["overlap"] < 0.7
 
 
 def test_align_draws_the_verdict(cli, two_maps, tmp_path):
@@ -66,8 +67,6 @@ def test_align_draws_the_verdict(cli, two_maps, tmp_path):
     assert "probability" in outcome.out
     assert cv2.imread(str(tmp_path / "verdict/alignment.png")).shape == (1000, 1600, 3)
     assert json.loads((tmp_path / "verdict/alignment.json").read_text())["accepted"] is True
-    assert report["inliers"] >= 10
-    assert 0.3 < report["overlap"] < 0.7
 
 
 def test_fuse_gives_the_same_map_whatever_the_order(cli, two_maps, tmp_path):
