@@ -141,7 +141,8 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
     best_p = float(weighed.probability[best])
     if rival is not None and best_p >= rule.likely and weighed.probability[rival] > rule.ambiguous * best_p:
         return replace(found, accepted=False, ambiguous=True, reason=_toss_in_words(weighed, rival))
-    weak_m = float(min(evidence.b_on_a.weak[best], evidence.a_on_b.weak[best]))
+    # Corners and furniture hold a pose in every direction, half a metre for each metre.
+    weak_m = min(float(each.weak[best] + 0.5 * each.rough[best]) for each in (evidence.b_on_a, evidence.a_on_b))
     if weak_m < rule.least_weak_m:
         direction, reach_m = slide(weighed)
         direction += float(a.walls.T_map_grid[2])
