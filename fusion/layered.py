@@ -21,7 +21,7 @@ from fusion.hypotheses import DEEP, FAST, Pool, find_hypotheses, match_features
 from fusion.identity import reference_rank
 from fusion.ranking import Ranking, probabilities, shipped_ranking
 from fusion.settling import UncertaintyModel, settle
-from fusion.survey import SurveyedMap, survey
+from fusion.survey import FREE_BELOW, SurveyedMap, survey
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_agreement import net_metres
@@ -79,35 +79,29 @@ def register_layers(
     Maps that cannot be aligned at all are refused with a reason, as are poses that cannot be trusted. The ranking is
     the one that comes with the program unless another is given.
     """
+    rule, weights = settings or LayeredSettings(), ranking or shipped_ranking()
+    for grid, name in ((a, "first"), (b, "second")):
+        if not (grid.log_odds < FREE_BELOW).any():
+            return Alignment(None, False, f"the {name} map has no cell that is free with p(free) > 0.65")
     if reference_rank(b) < reference_rank(a):
-        return register_layers(b, a, settings, ranking, seed).inverse()
-    rule = settings or LayeredSettings()
-    weights = ranking or shipped_ranking()
-    weighed, objection = weigh(a, b, rule, weights, seed)
-    if weighed is None:
-        return Alignment(None, False, objection)
-    return _verdict(weighed, rule, weights)
+        return _register(b, a, rule, weights, seed, ("second", "first")).inverse()
+    return _register(a, b, rule, weights, seed, ("first", "second"))
 
 
-def weigh(
-    a: OccupancyGrid, b: OccupancyGrid, rule: LayeredSettings, ranking: Ranking, seed: int
-) -> tuple[Weighed | None, str]:
-    """Return the hypotheses with their probabilities, or None and why there cannot be any.
-
-    Where a fast search leaves doubt, a deep one follows.
-    """
+def _register(
+    a: OccupancyGrid, b: OccupancyGrid, rule: LayeredSettings, ranking: Ranking, seed: int, names: tuple[str, str]
+) -> Alignment:
+    """Run the steps; names say which argument each map was. Where a fast search leaves doubt, a deep one follows."""
     maps = survey(a), survey(b)
-    for surveyed, name in zip(maps, ("one", "the other"), strict=True):
-        if surveyed.free_m2 == 0.0:
-            return None, f"{name} map has no free cell"
+    for surveyed, name in zip(maps, names, strict=True):
         if surveyed.wall_m == 0.0:
-            return None, f"{name} map has no wall beside free space: nothing to place it by"
+            return Alignment(None, False, f"the {name} map has no wall beside free space: nothing to place it by")
     matches = match_features(*maps)
     weighed = _weighed(*maps, find_hypotheses(*maps, matches, FAST, seed=seed), ranking)
     if ranking.calibrated(weighed.score) < rule.sure:
         pool = find_hypotheses(*maps, matches, DEEP, seed=seed, earlier=weighed.pool)
         weighed = _weighed(*maps, pool, ranking)
-    return weighed, ""
+    return _verdict(weighed, rule, ranking)
 
 
 def _weighed(a: SurveyedMap, b: SurveyedMap, pool: Pool, ranking: Ranking) -> Weighed:
@@ -147,7 +141,8 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
     best_p = float(weighed.probability[best])
     if rival is not None and best_p >= rule.likely and weighed.probability[rival] > rule.ambiguous * best_p:
         return replace(found, accepted=False, ambiguous=True, reason=_toss_in_words(weighed, rival))
-    weak_m = float(min(evidence.b_on_a.weak[best], evidence.a_on_b.weak[best]))
+    # Corners and furniture hold a pose in every direction, half a metre for each metre.
+    weak_m = min(float(each.weak[best] + 0.5 * each.rough[best]) for each in (evidence.b_on_a, evidence.a_on_b))
     if weak_m < rule.least_weak_m:
         direction, reach_m = slide(weighed)
         direction += float(a.walls.T_map_grid[2])

@@ -124,11 +124,11 @@ def test_too_little_common_wall_is_refused_with_that_reason(view):
 @pytest.mark.parametrize(
     ("cells", "words"),
     [
-        (np.zeros((40, 40), np.float32), "no free cell"),
-        (np.full((40, 40), 4.0, np.float32), "no free cell"),
+        (np.zeros((40, 40), np.float32), "no cell that is free"),
+        (np.full((40, 40), 4.0, np.float32), "no cell that is free"),
         (np.full((40, 40), -4.0, np.float32), "no wall"),
         (np.full((1, 1), -4.0, np.float32), "no wall"),
-        (np.full((1, 1), 4.0, np.float32), "no free cell"),
+        (np.full((1, 1), 4.0, np.float32), "no cell that is free"),
     ],
 )
 def test_maps_that_cannot_be_aligned_are_refused_in_one_line(view, cells, words):

@@ -53,9 +53,20 @@ def test_align_prints_the_pose_of_b_in_a(cli, two_maps):
     found = np.array([report["dx"], report["dy"], np.radians(report["theta_deg"])])
     np.testing.assert_allclose(found, se2.inverse(POSE), atol=0.05)
     assert report["accepted"] is True
-    assert (report["probability"], report["covariance"], report["alternatives"]) == (None, None, [])
-    assert report["inliers"] >= 10
+    assert report["probability"] > 0.9
+    assert np.linalg.eigvalsh(np.array(report["covariance"])).min() > 0.0
+    assert report["common_wall_m"] > 3.0
+    assert report["alternatives"] == []
+    assert report["ambiguous"] is False
     assert 0.3 < report["overlap"] < 0.7
+
+
+def test_align_draws_the_verdict(cli, two_maps, tmp_path):
+    outcome = cli("align", *two_maps, "-o", tmp_path / "verdict")
+    assert outcome.code == 0, outcome.err
+    assert "probability" in outcome.out
+    assert cv2.imread(str(tmp_path / "verdict/alignment.png")).shape == (1000, 1600, 3)
+    assert json.loads((tmp_path / "verdict/alignment.json").read_text())["accepted"] is True
 
 
 def test_fuse_gives_the_same_map_whatever_the_order(cli, two_maps, tmp_path):
