@@ -53,7 +53,7 @@ def draw_mission(file: Path, picture: MissionPicture) -> None:
         _draw_drive(local, picture, number, color)
     local.plot([], [], "s", color=_BOTH, ms=10, label="seen by both: dark walls, light free space")
     local.set_title("two local maps in the global frame")
-    local.legend(loc="upper right")
+    _legend_below(local)
     _draw_fused(fused, picture)
     for axes in (local, fused):
         axes.set(xlabel="x in m", aspect="equal")
@@ -62,6 +62,11 @@ def draw_mission(file: Path, picture: MissionPicture) -> None:
     figure.suptitle(picture.title, fontsize=16)
     figure.savefig(file, dpi=100)
     plt.close(figure)
+
+
+def _legend_below(axes: Any) -> None:
+    """Add the legend under the axes: a map may fill all of them."""
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, frameon=False)
 
 
 def overlay(picture: MissionPicture) -> tuple[FloatArray, Raster]:
@@ -124,7 +129,7 @@ def _draw_fused(axes: Any, picture: MissionPicture) -> None:
     axes.plot(*path[0, :2], "o", color=_COLORS[0], ms=11, mec="white", label="start: where car A started")
     axes.plot(*path[-1, :2], "*", color=_COLORS[1], ms=17, mec="white", label="goal: where car B started")
     axes.set_title(f"global map and a path of {travelled[-1]:.1f} m")
-    axes.legend(loc="upper right")
+    _legend_below(axes)
 
 
 _FAILED = "#c81e1e"
