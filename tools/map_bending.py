@@ -57,9 +57,16 @@ def draw_field(random: np.random.Generator, rms_m: float) -> BendingField:
     return BendingField(waves, phases, amplitudes * rms_m / np.sqrt((amplitudes**2).sum() / 2.0))
 
 
-def draw_field_pair(random: np.random.Generator) -> tuple[BendingField, BendingField]:
-    """Return the fields of two maps: 0.05 to 0.8 m rms each, in every second pair 0.3 of that."""
-    rms_m = random.uniform(*_RMS_M, 2) * (_MILD_SHARE if random.random() < 0.5 else 1.0)
+def draw_field_pair(
+    random: np.random.Generator, bend_m: tuple[float, float] | None = None
+) -> tuple[BendingField, BendingField]:
+    """Return the fields of two maps: 0.05 to 0.8 m rms each, in every second pair 0.3 of that.
+
+    bend_m: another range of the rms, of all pairs alike.
+    """
+    rms_m = random.uniform(*(bend_m or _RMS_M), 2)
+    if random.random() < 0.5 and bend_m is None:
+        rms_m *= _MILD_SHARE
     return draw_field(random, float(rms_m[0])), draw_field(random, float(rms_m[1]))
 
 

@@ -31,13 +31,14 @@ _FRAME_M = 20.0
 @dataclass(frozen=True, slots=True)
 class WindowPlan:
     """How many window pairs of one drive, of `tries` random ones: a_band for each band, `apart` without common free
-    space; and in which kinds each of them is drawn.
+    space; in which kinds each of them is drawn; and how far bent ones are, see map_bending.draw_field_pair.
     """
 
     a_band: int = 8
     apart: int = 12
     kinds: tuple[str, ...] = tuple(RESOLUTIONS_M)
     tries: int = TRIES
+    bend_m: tuple[float, float] | None = None
 
 
 def window_pairs(folder: Path, scans: PosedScans, plan: WindowPlan, seed: int) -> list[MapPair]:
@@ -54,7 +55,7 @@ def window_pairs(folder: Path, scans: PosedScans, plan: WindowPlan, seed: int) -
         stem = f"{scans.building}-{window.band or 'apart'}-{number:02d}"
         for kind in plan.kinds:
             if kind == "bent":
-                pairs += _bent_pair(folder / stem, (scans, camera), window, random)
+                pairs += _bent_pair(folder / stem, (scans, camera), window, plan.bend_m, random)
                 continue
             T_b_log = random_frame(random)
             resolution_a, resolution_b = RESOLUTIONS_M[kind]
@@ -94,13 +95,17 @@ def _judged_pair(
 
 
 def _bent_pair(
-    stem: Path, scans: tuple[PosedScans, PosedScans], window: WindowPair, random: np.random.Generator
+    stem: Path,
+    scans: tuple[PosedScans, PosedScans],
+    window: WindowPair,
+    bend_m: tuple[float, float] | None,
+    random: np.random.Generator,
 ) -> list[MapPair]:
     """Write two maps, each bent by a field of its own, and return their pair; none where too little is in common.
 
     scans: of the lidar, and as a camera sees them, which a quarter of the second maps do.
     """
-    fields = draw_field_pair(random)
+    fields = draw_field_pair(random, bend_m)
     seen = scans[0], scans[1] if random.random() < _BENT_CAMERA_SHARE else scans[0]
     resolution_a, resolution_b = random.choice(_BENT_RESOLUTIONS_M, 2).tolist()
     T_b_log = random_frame(random)

@@ -9,7 +9,7 @@ import pytest
 
 from mapping import se2
 from tools.log_windows import as_camera, map_of
-from tools.map_bending import BendingField, bent_map_of, bent_truth, draw_field
+from tools.map_bending import BendingField, bent_map_of, bent_truth, draw_field, draw_field_pair
 from tools.pair_overlap import common_wall_m, wall_line
 
 STILL = BendingField(np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 2)))
@@ -87,3 +87,11 @@ def test_two_maps_without_a_common_place_have_no_truth(corridor_drive):
     camera = as_camera(corridor_drive, np.random.default_rng(0))
     ends = np.arange(5), np.arange(100, 105)
     assert bent_truth((corridor_drive, camera), ends, (STILL, STILL), T_B_LOG) is None
+
+
+def test_the_range_of_the_bend_can_be_named():
+    points = np.random.default_rng(1).uniform(-200.0, 200.0, (4000, 2))
+    for seed in range(5):
+        for field in draw_field_pair(np.random.default_rng(seed), (0.5, 0.6)):
+            moved = field.bend(points) - points
+            assert 0.4 < np.sqrt((moved**2).sum(axis=1).mean()) < 0.75

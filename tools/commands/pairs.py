@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -51,6 +52,12 @@ def pairs(
             metavar="DIR", help="Instead of SOURCEs: the set of about 950 pairs from this folder of data sets."
         ),
     ] = None,
+    bend_m: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--bend-m", metavar="LOW HIGH", min=0.0, help="How far kind bent moves points (rms, m). [default: mixed]"
+        ),
+    ] = None,
     tries: Annotated[int, typer.Option(min=1, help="Random windows to look at, a SOURCE.")] = 3000,
     join: Annotated[
         list[Path] | None,
@@ -80,6 +87,8 @@ def pairs(
         raise UsageError(f"{len(tracks)} --trajectory for {len(chosen)} SOURCEs: name one for each, or none")
     if names and len(names) != len(chosen):
         raise UsageError(f"{len(names)} --building for {len(chosen)} SOURCEs: name one for each, or none")
+    if bend_m is not None and not 0.0 <= bend_m[0] <= bend_m[1] < math.inf:
+        raise UsageError(f"--bend-m {bend_m[0]:g} {bend_m[1]:g}: expected two lengths in m, the smaller first")
     unknown = [kind for kind in kinds.split(",") if kind not in WINDOW_KINDS]
     if unknown:
         raise UsageError(f"--kinds {unknown[0]!r}: expected of {', '.join(WINDOW_KINDS)}, with commas between")
@@ -91,7 +100,7 @@ def pairs(
         else:
             none = [None] * len(chosen)
             drives = [Drive(*each) for each in zip(chosen, tracks or none, names or none, strict=True)]
-            plan = WindowPlan(windows, wrong, tuple(kinds.split(",")), tries)
+            plan = WindowPlan(windows, wrong, tuple(kinds.split(",")), tries, bend_m)
             made = recorded_pairs(folder / "maps", drives, plan, others or [], seed, jobs, log.info)
             origin = ", ".join(source.name for source in chosen)
         write_pairs(folder, made, origin)
