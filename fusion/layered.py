@@ -40,7 +40,7 @@ class LayeredSettings:
     deep search follows the fast one. listed: alternatives are named from this probability on, and at most most_listed.
     """
 
-    accept: float = 0.95
+    accept: float = 0.94
     least_wall_m: float = 3.0
     least_weak_m: float = 0.5
     likely: float = 0.15
