@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.feature_places import Matches, agreeing_matches, feature_places, match_maps
+from fusion.feature_places import Matches, agreeing_matches, feature_places
 from fusion.survey import SurveyedMap
 from mapping import se2
 from mapping.layer_correlation import Shifts, coarse_layers, correlate
@@ -63,7 +63,7 @@ def find_hypotheses(
 ) -> Pool:
     """Return refined places of map b on map a, those of an earlier pool among them.
 
-    Both maps must have walls and free space.
+    Both maps must have walls and free space; matches are those of `match_maps`, the same for every search.
     """
     middle = np.array([*b.rough.points.mean(axis=0), 0.0])
     shifts = _search(a, b, settings)
@@ -81,11 +81,6 @@ def find_hypotheses(
             kept.append(n)
     poses = se2.compose(fine[kept], se2.inverse(middle))
     return Pool(poses, agreeing_matches(matches, poses))
-
-
-def match_features(a: SurveyedMap, b: SurveyedMap) -> Matches:
-    """Return the feature matches that `find_hypotheses` takes; they are the same for every search."""
-    return match_maps(a, b)
 
 
 def _search(a: SurveyedMap, b: SurveyedMap, settings: SearchSettings) -> Shifts:

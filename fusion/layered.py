@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from fusion.alignment import Alignment, Alternative
 from fusion.evidence import Evidence, different_places, gather
-from fusion.hypotheses import DEEP, FAST, Pool, find_hypotheses, match_features
+from fusion.feature_places import match_maps
+from fusion.hypotheses import DEEP, FAST, Pool, find_hypotheses
 from fusion.identity import reference_rank
 from fusion.ranking import Ranking, probabilities, shipped_ranking
 from fusion.settling import UncertaintyModel, settle
@@ -96,7 +97,7 @@ def _register(
     for surveyed, name in zip(maps, names, strict=True):
         if surveyed.wall_m == 0.0:
             return Alignment(None, False, f"the {name} map has no wall beside free space: nothing to place it by")
-    matches = match_features(*maps)
+    matches = match_maps(*maps)
     weighed = _weighed(*maps, find_hypotheses(*maps, matches, FAST, seed=seed), ranking)
     if ranking.calibrated(weighed.score) < rule.sure:
         pool = find_hypotheses(*maps, matches, DEEP, seed=seed, earlier=weighed.pool)

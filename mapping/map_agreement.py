@@ -63,12 +63,13 @@ class Agreements:
 
     known (K,) on cells that the other map knows; hits, conflicts (K, 3) at the three tolerances; parallel (K, 2) of the
     hits at the two narrower tolerances run along the other map's wall; crossing (K,) run across it; weak, strong (K,):
-    metres of parallel wall, by how well they hold the pose in its least and its best held direction; turning (K,): how
-    well they hold the angle, in m^3; good, bad (K,): blocks of 2 m that agree and that contradict. hit_gap (K,): rms
-    distance in m of the hits at the middle tolerance. worst (K, 2): metres in the block that contradicts most, at the
-    middle and the wide tolerance; against (K, 2): contradicting metres of straight wall alone; good_lines, bad_lines
-    (K,): straight lines that agree and that contradict; variety (K,): over how many lines the agreeing wall is spread
-    (exponential of the entropy); rough (K,): agreeing metres without a direction, of corners and furniture.
+    metres of parallel wall, by how well they hold the pose in its least and its best held direction; weak_direction
+    (K,): the former, in rad in the surface's frame; turning (K,): how well they hold the angle, in m^3; good, bad (K,):
+    blocks of 2 m that agree and that contradict. hit_gap (K,): rms distance in m of the hits at the middle tolerance.
+    worst (K, 2): metres in the block that contradicts most, at the middle and the wide tolerance; against (K, 2):
+    contradicting metres of straight wall alone; good_lines, bad_lines (K,): straight lines that agree and that
+    contradict; variety (K,): over how many lines the agreeing wall is spread (exponential of the entropy); rough (K,):
+    agreeing metres without a direction, of corners and furniture.
     """
 
     known: FloatArray

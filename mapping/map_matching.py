@@ -156,12 +156,12 @@ def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     d, e, f = matrix[1, 1], matrix[1, 2], matrix[2, 2]
     i, j, k = d * f - e * e, c * e - b * f, b * e - c * d
     determinant = a * i + b * j + c * k
-    l, m, n = a * f - c * c, b * c - a * e, a * d - b * b  # noqa: E741
+    p, q, r = a * f - c * c, b * c - a * e, a * d - b * b
     x, y, z = vector[0], vector[1], vector[2]
     solution = np.zeros(3)
     solution[0] = (i * x + j * y + k * z) / determinant
-    solution[1] = (j * x + l * y + m * z) / determinant
-    solution[2] = (k * x + m * y + n * z) / determinant
+    solution[1] = (j * x + p * y + q * z) / determinant
+    solution[2] = (k * x + q * y + r * z) / determinant
     return solution
 
 

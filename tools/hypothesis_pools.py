@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from fusion.evaluation import error_at_points
 from fusion.evidence import TRENDS, different_places, gather
-from fusion.hypotheses import DEEP, FAST, find_hypotheses, match_features
+from fusion.feature_places import match_maps
+from fusion.hypotheses import DEEP, FAST, find_hypotheses
 from fusion.identity import reference_rank
 from fusion.survey import survey
 from mapping import se2
@@ -99,7 +100,7 @@ def pool_of(key: str, pair: MapPair, search: Search) -> HypothesisPool:
         return HypothesisPool(
             key, buildings, true, np.empty((0, len(TRENDS))), np.empty(0, np.bool_), np.empty((0, 0), np.bool_)
         )
-    matches = match_features(first, second)
+    matches = match_maps(first, second)
     pool = find_hypotheses(first, second, matches, FAST, seed=search.seed)
     if search.deep:
         pool = find_hypotheses(first, second, matches, DEEP, seed=search.seed, earlier=pool)
