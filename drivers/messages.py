@@ -96,6 +96,48 @@ class Transform:
 
 
 @dataclass(frozen=True, slots=True)
+class Pinhole:
+    """A rectified camera without distortion: image size, focal lengths and principal point, all in pixels.
+
+    A point (x, y, z) of the optical frame (x right, y down, z ahead) is seen at (fx x / z + cx, fy y / z + cy); whole
+    numbers are the middles of pixels.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthImage:
+    """One frame of a depth camera.
+
+    depth: (rows, cols) uint16, row 0 at the top; z along the optical axis in units of unit_m, 0 means "no measurement",
+    never "free". stamp_ns: middle of the exposure where it is known, else its start. sequence: the camera's frame
+    number, -1 where the source has none. Raises ValueError where the image does not have the camera's size.
+    """
+
+    stamp_ns: int
+    depth: NDArray[np.uint16]
+    unit_m: float
+    camera: Pinhole
+    frame_id: str = "camera_depth_optical_frame"
+    sequence: int = -1
+
+    def __post_init__(self) -> None:
+        depth = np.array(self.depth, dtype=np.uint16)
+        if depth.shape != (self.camera.height, self.camera.width):
+            raise ValueError(
+                f"depth has shape {depth.shape}, expected ({self.camera.height}, {self.camera.width}) as the camera"
+            )
+        depth.setflags(write=False)
+        object.__setattr__(self, "depth", depth)
+
+
+@dataclass(frozen=True, slots=True)
 class RawChunk:
     """Bytes exactly as one read of the lidar's port returned them; stamp_ns is the clock right after that read."""
 

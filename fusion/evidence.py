@@ -7,17 +7,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.hypotheses import Pool
+from fusion.feature_places import match_maps
+from fusion.hypotheses import Pool, find_hypotheses
 from fusion.survey import SurveyedMap
 from mapping import se2
-from mapping.map_agreement import Agreements, compare_cells, judge_poses
+from mapping.bending import bend_each
+from mapping.map_agreement import Agreements, compare_cells, judge_placed, judge_poses
 
 FloatArray = NDArray[np.float64]
 DIFFERENT_M, DIFFERENT_RAD = 1.0, np.radians(8.0)  # poses farther apart are two places
 _CONFLICT = 2.0
 
-# The features, and how the probability may follow each: rise with it (1), fall (-1), or either (0).
-TRENDS: dict[str, int] = {
+# What a hypothesis shows by itself and beside its rivals, and how the probability may follow each: rise with it (1),
+# fall (-1), or either (0). All of it is taken twice: of the rigid pose, and with b's walls bent onto a's.
+_SHOWN: dict[str, int] = {
     "log_hits_sharp": 1,
     "log_conflicts_sharp": -1,
     "hit_share_sharp": 1,
@@ -43,6 +46,8 @@ TRENDS: dict[str, int] = {
     "log_parallel_middle": 1,
     "parallel_share": 1,
     "crossing_share": -1,
+    "behind_share": -1,
+    "log_before": 1,
     "log_weak": 1,
     "log_least_weak": 1,
     "log_turning": 1,
@@ -59,16 +64,9 @@ TRENDS: dict[str, int] = {
     "least_variety": 1,
     "log_rough": 1,
     "hit_gap": -1,
-    "log_known": 0,
-    "known_share": 0,
-    "log_smaller_wall": 0,
-    "omega": 1,
-    "log_odds_omega": -1,
-    "log_common_free": 0,
-    "common_free_share": 0,
-    "log_disagreeing": -1,
-    "log_matches": 1,
-    "matches_of_best": 1,
+    "sharpness": 0,
+    "against_share_middle": -1,
+    "against_share_wide": -1,
     "net_of_best_sharp": 1,
     "rival_sharp": -1,
     "lead_sharp": 1,
@@ -81,9 +79,22 @@ TRENDS: dict[str, int] = {
     "rival_wide": -1,
     "lead_wide": 1,
     "rivals_wide": -1,
-    "sharpness": 0,
-    "against_share_middle": -1,
-    "against_share_wide": -1,
+}
+_BENT = "bent_"  # before the names of the second kind
+TRENDS: dict[str, int] = {
+    **_SHOWN,
+    **{_BENT + name: trend for name, trend in _SHOWN.items()},
+    "log_strain": -1,
+    "log_known": 0,
+    "known_share": 0,
+    "log_smaller_wall": 0,
+    "omega": 1,
+    "log_odds_omega": -1,
+    "log_common_free": 0,
+    "common_free_share": 0,
+    "log_disagreeing": -1,
+    "log_matches": 1,
+    "matches_of_best": 1,
 }
 
 
@@ -107,6 +118,12 @@ class Evidence:
         return float(self.overlap_share[number])
 
 
+def judged_places(a: SurveyedMap, b: SurveyedMap, seed: int) -> tuple[Pool, Evidence]:
+    """Look for places of map b on map a, and for what speaks for each; both must have walls and free space."""
+    pool = find_hypotheses(a, b, match_maps(a, b), seed=seed)
+    return pool, gather(a, b, pool)
+
+
 def gather(a: SurveyedMap, b: SurveyedMap, pool: Pool) -> Evidence:
     """Judge every pose of a pool both ways."""
     least_cell_m = max(a.walls.resolution_m, b.walls.resolution_m)
@@ -114,13 +131,36 @@ def gather(a: SurveyedMap, b: SurveyedMap, pool: Pool) -> Evidence:
     back = judge_poses(b.surface, a.probe, se2.inverse(pool.poses), least_cell_m)
     free, both_wall, one_each = compare_cells(a.surface, b.cells, b.states, b.cell_area_m2, pool.poses)
     omega = (free + both_wall) / np.maximum(free + both_wall + one_each, 1e-9)
-    features = _own(a, b, forth, back) | _areas(a, b, free, one_each, omega) | _search(pool)
-    features |= _rivals(forth, back, pool, b)
+    different = different_places(pool.poses, b)
+    features = _shown(forth, back, different) | _areas(a, b, free, one_each, omega) | _search(pool)
+    features |= _sizes(a, b, 0.5 * (forth.known + back.known))
+    bent, strain_m = _bent(a, b, pool.poses, least_cell_m)
+    features |= {_BENT + name: values for name, values in _shown(*bent, different).items()}
+    features["log_strain"] = np.log(0.02 + strain_m)
     overlap = (free + both_wall + one_each) / max(min(a.known_m2, b.known_m2), 1e-9)
     return Evidence(features, forth, back, free, omega, np.minimum(overlap, 1.0))
 
 
-def _own(a: SurveyedMap, b: SurveyedMap, forth: Agreements, back: Agreements) -> dict[str, FloatArray]:
+def _bent(
+    a: SurveyedMap, b: SurveyedMap, poses: FloatArray, least_cell_m: float
+) -> tuple[tuple[Agreements, Agreements], FloatArray]:
+    """Return how poses (K, 3) agree both ways with the moving map bent onto the other, and by how much in m (K,)."""
+    back = se2.inverse(poses)
+    onto_a = bend_each(a.walls, b.rough.points, b.rough.lengths, poses)
+    onto_b = bend_each(b.walls, a.rough.points, a.rough.lengths, back)
+    agreements = (
+        judge_placed(a.surface, b.rough, onto_a.placed, poses, least_cell_m),
+        judge_placed(b.surface, a.rough, onto_b.placed, back, least_cell_m),
+    )
+    return agreements, 0.5 * (onto_a.strain_m + onto_b.strain_m)
+
+
+def _shown(forth: Agreements, back: Agreements, different: NDArray[np.bool_]) -> dict[str, FloatArray]:
+    """Return what each hypothesis shows by itself and beside its rivals, of which different (K, K) are elsewhere."""
+    return _own(forth, back) | _rivals(forth, back, different)
+
+
+def _own(forth: Agreements, back: Agreements) -> dict[str, FloatArray]:
     """Return what each hypothesis shows by itself."""
     features: dict[str, FloatArray] = {}
     known = 0.5 * (forth.known + back.known)
@@ -143,6 +183,9 @@ def _own(a: SurveyedMap, b: SurveyedMap, forth: Agreements, back: Agreements) ->
     features["crossing_share"] = (forth.crossing + back.crossing) / np.maximum(
         forth.crossing + back.crossing + parallel, 0.1
     )
+    facing = forth.before + back.before + forth.behind + back.behind
+    features["behind_share"] = (forth.behind + back.behind) / np.maximum(facing, 0.5)
+    features["log_before"] = np.log1p(0.5 * (forth.before + back.before))
     features["log_weak"] = np.log1p(0.5 * (forth.weak + back.weak))
     features["log_least_weak"] = np.log1p(np.minimum(forth.weak, back.weak))
     features["log_turning"] = np.log1p(0.5 * (forth.turning + back.turning))
@@ -161,10 +204,17 @@ def _own(a: SurveyedMap, b: SurveyedMap, forth: Agreements, back: Agreements) ->
     features["least_variety"] = np.log(np.minimum(forth.variety, back.variety))
     features["log_rough"] = np.log1p(0.5 * (forth.rough + back.rough))
     features["hit_gap"] = 0.5 * (forth.hit_gap + back.hit_gap)
-    features["log_known"] = np.log1p(known)
-    features["known_share"] = known / max(min(a.wall_m, b.wall_m), 1.0)
-    features["log_smaller_wall"] = np.full(len(known), np.log1p(min(a.wall_m, b.wall_m)))
     return features
+
+
+def _sizes(a: SurveyedMap, b: SurveyedMap, known: FloatArray) -> dict[str, FloatArray]:
+    """Return how much there is to agree on; known (K,): metres of wall where the other map knows something."""
+    smaller_m = min(a.wall_m, b.wall_m)
+    return {
+        "log_known": np.log1p(known),
+        "known_share": known / max(smaller_m, 1.0),
+        "log_smaller_wall": np.full(len(known), np.log1p(smaller_m)),
+    }
 
 
 def _areas(
@@ -186,9 +236,8 @@ def _search(pool: Pool) -> dict[str, FloatArray]:
     }
 
 
-def _rivals(forth: Agreements, back: Agreements, pool: Pool, b: SurveyedMap) -> dict[str, FloatArray]:
-    """Return how each hypothesis stands against the others of its pool, and against those at another place."""
-    different = different_places(pool.poses, b)
+def _rivals(forth: Agreements, back: Agreements, different: NDArray[np.bool_]) -> dict[str, FloatArray]:
+    """Return how each hypothesis stands against the others, and against those at another place."""
     features: dict[str, FloatArray] = {}
     for level, name in enumerate(("sharp", "middle", "wide")):
         net = np.maximum(

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from fusion.feature_places import Matches, agreeing_matches, feature_places
 from fusion.survey import SurveyedMap
 from mapping import se2
-from mapping.layer_correlation import Shifts, coarse_layers, correlate
+from mapping.layer_correlation import coarse_layers, correlate
 from mapping.map_agreement import net_metres
 from mapping.map_matching import refine_each
 
@@ -23,25 +25,26 @@ _SAME_M, _SAME_RAD = 0.4, np.radians(3.0)  # refined places that are one
 
 
 @dataclass(frozen=True, slots=True)
+class SearchScale:
+    """The search's cell is so large that the maps span about `cells` of them; peaks_per_turn: places a rotation."""
+
+    cells: int
+    peaks_per_turn: int
+
+
+@dataclass(frozen=True, slots=True)
 class SearchSettings:
     """How thoroughly to look.
 
-    The search's cell is at least cell_m, and so large that the maps span about `cells` of them. Of peaks_per_turn
-    places in each of `turns` rotations the best `raw` are refined roughly and the best `kept` of those fully.
-    common_free: weight of common free space beside common wall; large wholes need much of it, small overlaps little.
+    scales: of the search, the coarsest first. Coarse cells find bent maps, fine ones small overlaps. cell_m: the least.
+    turns: rotations, an even number. The best `raw` places are refined roughly and the best `kept` of those fully.
     """
 
+    scales: tuple[SearchScale, ...] = (SearchScale(200, 4), SearchScale(420, 8))
     cell_m: float = 0.1
-    cells: int = 320
     turns: int = 120
-    peaks_per_turn: int = 3
-    raw: int = 200
-    kept: int = 48
-    common_free: float = 0.05
-
-
-FAST = SearchSettings()
-DEEP = SearchSettings(cells=640, peaks_per_turn=6, raw=700, kept=64, common_free=0.02)
+    raw: int = 400
+    kept: int = 56
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,61 +56,44 @@ class Pool:
 
 
 def find_hypotheses(
-    a: SurveyedMap,
-    b: SurveyedMap,
-    matches: Matches,
-    settings: SearchSettings,
-    *,
-    seed: int,
-    earlier: Pool | None = None,
+    a: SurveyedMap, b: SurveyedMap, matches: Matches, settings: SearchSettings | None = None, *, seed: int
 ) -> Pool:
-    """Return refined places of map b on map a, those of an earlier pool among them.
-
-    Both maps must have walls and free space; matches are those of `match_maps`, the same for every search.
-    """
+    """Return refined places of map b on map a, which both have walls and free space; matches are of `match_maps`."""
+    rule = settings or SearchSettings()
     middle = np.array([*b.rough.points.mean(axis=0), 0.0])
-    shifts = _search(a, b, settings)
-    raw = [feature_places(matches, seed), _distinct(shifts, middle, settings.raw)]
-    if earlier is not None:
-        raw.insert(0, earlier.poses)
-    centred = se2.compose(np.vstack(raw), middle)
+    found = _distinct(_search(a, b, rule), middle, rule.raw)
+    centred = se2.compose(np.vstack([feature_places(matches, seed), found]), middle)
     refined = refine_each(a.walls, b.rough.points - middle[:2], centred, _ROUGH_SCALES_M)
-    promising = _promising(a, b, np.vstack([centred, refined]), middle, matches, settings.kept)
+    promising = _promising(a, b, np.vstack([centred, refined]), middle, matches, rule.kept)
     fine = refine_each(a.walls, b.probe.points - middle[:2], promising, _FINE_SCALES_M)
     fine[:, 2] = se2.wrap_angle(fine[:, 2])
-    kept: list[int] = []
-    for n in range(len(fine)):
-        if not _is_near(fine[n], fine[kept], _SAME_M, _SAME_RAD):
-            kept.append(n)
+    kept = _apart(fine, np.arange(len(fine)), len(fine), len(fine), _SAME_M, _SAME_RAD)
     poses = se2.compose(fine[kept], se2.inverse(middle))
     return Pool(poses, agreeing_matches(matches, poses))
 
 
-def _search(a: SurveyedMap, b: SurveyedMap, settings: SearchSettings) -> Shifts:
-    """Correlate the layers of both maps."""
+def _search(a: SurveyedMap, b: SurveyedMap, settings: SearchSettings) -> FloatArray:
+    """Correlate the layers of both maps at each scale; return the poses (K, 3), in turn the best of each."""
     extent_m = max(a.walls.states.shape) * a.walls.resolution_m + float(
         np.hypot(*b.walls.states.shape) * b.walls.resolution_m
     )
-    cell_m = max(settings.cell_m, a.walls.resolution_m, b.walls.resolution_m, extent_m / settings.cells)
-    layers = coarse_layers(a.walls, cell_m), coarse_layers(b.walls, cell_m)
-    return correlate(
-        *layers,
-        turns=settings.turns,
-        peaks_per_turn=settings.peaks_per_turn,
-        common_free=settings.common_free,
-    )
+    least_m = max(settings.cell_m, a.walls.resolution_m, b.walls.resolution_m)
+    # Small maps span few of the least cells: there scales fall together, and the one with most peaks is kept.
+    peaks = {max(least_m, extent_m / scale.cells): scale.peaks_per_turn for scale in settings.scales}
+    found = [
+        correlate(
+            coarse_layers(a.walls, cell_m), coarse_layers(b.walls, cell_m), turns=settings.turns, peaks_per_turn=count
+        ).poses
+        for cell_m, count in peaks.items()
+    ]
+    rank = np.concatenate([np.arange(len(poses)) for poses in found])
+    return np.asarray(np.vstack(found)[np.argsort(rank, kind="stable")])
 
 
-def _distinct(shifts: Shifts, middle: FloatArray, most: int) -> FloatArray:
-    """Return the best shifts without those that are one place at map b's middle."""
-    centres = se2.compose(shifts.poses, middle)
-    chosen: list[int] = []
-    for n in range(len(centres)):
-        if not _is_near(centres[n], centres[chosen], _RAW_APART_M, _RAW_APART_RAD):
-            chosen.append(n)
-            if len(chosen) == most:
-                break
-    return shifts.poses[chosen]
+def _distinct(poses: FloatArray, middle: FloatArray, most: int) -> FloatArray:
+    """Return the first of poses (K, 3) without those that are one place at map b's middle."""
+    centres = se2.compose(poses, middle)
+    return poses[_apart(centres, np.arange(len(centres)), 1, most, _RAW_APART_M, _RAW_APART_RAD)]
 
 
 def _promising(
@@ -117,23 +103,33 @@ def _promising(
     poses = se2.compose(centred, se2.inverse(middle))
     net = net_metres(a.surface, b.rough, poses, max(a.walls.resolution_m, b.walls.resolution_m))
     measures = (net[:, 1], net[:, 0], net[:, 2], -np.arange(len(poses)), agreeing_matches(matches, poses))
-    orders = [np.argsort(-measure, kind="stable") for measure in measures]
-    chosen: list[int] = []
-    for ranked in zip(*orders, strict=True):
-        for n in map(int, ranked):
-            if n not in chosen and not _is_near(centred[n], centred[chosen], _APART_M, _APART_RAD):
-                chosen.append(n)
-        if len(chosen) >= most:
+    in_turn = np.column_stack([np.argsort(-measure, kind="stable") for measure in measures]).reshape(-1)
+    return centred[_apart(centred, in_turn, len(measures), most, _APART_M, _APART_RAD)]
+
+
+@njit(cache=True, nogil=True)
+def _apart(
+    poses: FloatArray, order: NDArray[np.int64], at_a_time: int, most: int, within_m: float, within_rad: float
+) -> NDArray[np.int64]:
+    """Return the numbers of poses (K, 3), taken in an order, that are not as good as one taken before.
+
+    After each `at_a_time` of them it ends if there are `most`.
+    """
+    chosen = np.empty(len(order), np.int64)
+    count = 0
+    for place in range(len(order)):
+        n = order[place]
+        fresh = True
+        for other in chosen[:count]:
+            apart = math.hypot(poses[n, 0] - poses[other, 0], poses[n, 1] - poses[other, 1])
+            turned = abs((poses[n, 2] - poses[other, 2] + math.pi) % (2.0 * math.pi) - math.pi)
+            if apart <= within_m and turned <= within_rad:
+                fresh = False
+                break
+        if fresh:
+            chosen[count] = n
+            count += 1
+        if count >= most and (place + 1) % at_a_time == 0:
             break
-    return centred[chosen]
-
-
-def _is_near(pose: FloatArray, others: FloatArray, within_m: float, within_rad: float) -> bool:
-    """Whether one of other poses (K, 3) is as good as the same."""
-    near = (np.abs(others[:, :2] - pose[:2]) <= within_m).all(axis=1)
-    if not near.any():
-        return False
-    close = others[near]
-    apart = np.hypot(close[:, 0] - pose[0], close[:, 1] - pose[1])
-    turned = np.abs((close[:, 2] - pose[2] + np.pi) % (2.0 * np.pi) - np.pi)
-    return bool(((apart <= within_m) & (turned <= within_rad)).any())
+    found: NDArray[np.int64] = chosen[:count].copy()
+    return found

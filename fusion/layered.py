@@ -16,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.alignment import Alignment, Alternative
-from fusion.evidence import Evidence, different_places, gather
-from fusion.feature_places import match_maps
-from fusion.hypotheses import DEEP, FAST, Pool, find_hypotheses
+from fusion.evidence import Evidence, different_places, judged_places
+from fusion.hypotheses import Pool
 from fusion.identity import reference_rank
 from fusion.ranking import Ranking, probabilities, shipped_ranking
 from fusion.settling import UncertaintyModel, settle
@@ -33,12 +32,14 @@ _SLIDE_STEP_M, _SLIDE_STEPS, _SLIDE_KEEPS = 0.25, 80, 0.7
 
 @dataclass(frozen=True, slots=True)
 class LayeredSettings:
-    """What a pose must reach to be believed, and when to look harder.
+    """What a pose must reach to be believed.
 
     accept: probability from which a pose is believed. least_wall_m: of wall that both maps must show in one place;
     least_weak_m: of it, how much must hold the pose in its weakest direction. ambiguous: share of the best one's
-    probability, if that is at least `likely`, at which another place makes it a toss. sure: below this probability a
-    deep search follows the fast one. listed: alternatives are named from this probability on, and at most most_listed.
+    probability, if that is at least `likely`, at which another place makes it a toss. listed: alternatives are named
+    from this probability on, and at most most_listed. twin_hits, twin_conflicts: a pose below `accept` is ambiguous
+    rather than improbable if it and another place each have at most this share of contradicting wall, and the other at
+    least this share of the best one's agreeing wall.
     """
 
     accept: float = 0.94
@@ -48,7 +49,8 @@ class LayeredSettings:
     ambiguous: float = 0.3
     listed: float = 0.05
     most_listed: int = 4
-    sure: float = 0.97
+    twin_hits: float = 0.85
+    twin_conflicts: float = 0.05
     uncertainty: UncertaintyModel = UncertaintyModel()
 
 
@@ -92,22 +94,17 @@ def register_layers(
 def _register(
     a: OccupancyGrid, b: OccupancyGrid, rule: LayeredSettings, ranking: Ranking, seed: int, names: tuple[str, str]
 ) -> Alignment:
-    """Run the steps; names say which argument each map was. Where a fast search leaves doubt, a deep one follows."""
+    """Run the steps; names say which argument each map was."""
     maps = survey(a), survey(b)
     for surveyed, name in zip(maps, names, strict=True):
         if surveyed.wall_m == 0.0:
             return Alignment(None, False, f"the {name} map has no wall beside free space: nothing to place it by")
-    matches = match_maps(*maps)
-    weighed = _weighed(*maps, find_hypotheses(*maps, matches, FAST, seed=seed), ranking)
-    if ranking.calibrated(weighed.score) < rule.sure:
-        pool = find_hypotheses(*maps, matches, DEEP, seed=seed, earlier=weighed.pool)
-        weighed = _weighed(*maps, pool, ranking)
-    return _verdict(weighed, rule, ranking)
+    return _verdict(_weighed(*maps, ranking, seed), rule, ranking)
 
 
-def _weighed(a: SurveyedMap, b: SurveyedMap, pool: Pool, ranking: Ranking) -> Weighed:
-    """Rank a pool."""
-    evidence = gather(a, b, pool)
+def _weighed(a: SurveyedMap, b: SurveyedMap, ranking: Ranking, seed: int) -> Weighed:
+    """Find hypotheses and rank them."""
+    pool, evidence = judged_places(a, b, seed)
     probability = probabilities(ranking.log_odds(evidence.features))
     best = int(np.argmax(probability))
     others = different_places(pool.poses, b)[best]
@@ -131,7 +128,7 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
         overlap=evidence.overlap(best),
         probability=probability,
         covariance=_covariance_in_map_frames(a, b, settled.pose, settled.covariance),
-        alternatives=_alternatives(weighed, rule, ranking),
+        alternatives=_alternatives(weighed, rule, ranking, None),
         common_wall_m=wall_m,
         conflict_m=conflict_m,
     )
@@ -141,24 +138,36 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
     rival = _strongest_rival(weighed)
     best_p = float(weighed.probability[best])
     if rival is not None and best_p >= rule.likely and weighed.probability[rival] > rule.ambiguous * best_p:
-        return replace(found, accepted=False, ambiguous=True, reason=_toss_in_words(weighed, rival))
+        return _toss(found, weighed, rival, rule, ranking)
     # Corners and furniture hold a pose in every direction, half a metre for each metre.
     weak_m = min(float(each.weak[best] + 0.5 * each.rough[best]) for each in (evidence.b_on_a, evidence.a_on_b))
     if weak_m < rule.least_weak_m:
         direction, reach_m = slide(weighed)
+        slides = f"the corridor slides {reach_m:.1f} m either way: " if reach_m > 0.0 else ""
+        reason = f"{slides}only {weak_m:.1f} m of wall hold its weakest direction, {rule.least_weak_m:g} m are needed"
         direction += float(a.walls.T_map_grid[2])
-        reason = (
-            f"the corridor slides {reach_m:.1f} m either way: only {weak_m:.1f} m of wall hold it along its length, "
-            f"{rule.least_weak_m:g} m are needed"
-        )
         return replace(found, accepted=False, reason=reason, slide=(direction, reach_m))
-    if probability < rule.accept:
-        reason = (
-            f"not sure enough: probability {probability:.2f}, {rule.accept:g} is needed ({wall_m:.0f} m of wall agree, "
-            f"{conflict_m:.1f} m contradict, acceptance index {found.acceptance:.3f})"
-        )
-        return replace(found, accepted=False, reason=reason)
-    return found
+    if probability >= rule.accept:
+        return found
+    twin = _twin(weighed, rule)
+    if twin is not None:
+        return _toss(found, weighed, twin, rule, ranking)
+    reason = (
+        f"not sure enough: probability {probability:.2f}, {rule.accept:g} is needed ({wall_m:.0f} m of wall agree, "
+        f"{conflict_m:.1f} m contradict, acceptance index {found.acceptance:.3f})"
+    )
+    return replace(found, accepted=False, reason=reason)
+
+
+def _toss(found: Alignment, weighed: Weighed, rival: int, rule: LayeredSettings, ranking: Ranking) -> Alignment:
+    """Return what was found as ambiguous: the rival is as good."""
+    return replace(
+        found,
+        accepted=False,
+        ambiguous=True,
+        reason=_toss_in_words(weighed, rival),
+        alternatives=_alternatives(weighed, rule, ranking, rival),
+    )
 
 
 def _strongest_rival(weighed: Weighed) -> int | None:
@@ -167,15 +176,34 @@ def _strongest_rival(weighed: Weighed) -> int | None:
     return int(others[np.argmax(weighed.probability[others])]) if len(others) else None
 
 
+def _twin(weighed: Weighed, rule: LayeredSettings) -> int | None:
+    """Return the hypothesis elsewhere whose walls agree most, if they do so about as well as the best one's: repeating
+    rooms and corridors leave each of their places improbable.
+    """
+    forth, back = weighed.evidence.b_on_a, weighed.evidence.a_on_b
+    hits, conflicts = (
+        0.5 * (each + other)[:, 1] for each, other in ((forth.hits, back.hits), (forth.conflicts, back.conflicts))
+    )
+    fits = (conflicts <= rule.twin_conflicts * hits) & (hits >= rule.twin_hits * hits[weighed.best])
+    others = np.flatnonzero(different_places(weighed.pool.poses, weighed.b)[weighed.best] & fits)
+    if not fits[weighed.best] or len(others) == 0:
+        return None
+    return int(others[np.argmax(hits[others] - conflicts[others])])
+
+
 def _toss_in_words(weighed: Weighed, rival: int) -> str:
     """Return why the best place is not better than a rival."""
     best, other = weighed.pool.poses[weighed.best], weighed.pool.poses[rival]
     middle = weighed.b.probe.points.mean(axis=0)
     apart = se2.transform_points(best, middle) - se2.transform_points(other, middle)
     turned = abs(math.degrees(float(se2.wrap_angle(best[2] - other[2]))))
+    hits = [
+        min(float(each.hits[n, 1]) for each in (weighed.evidence.b_on_a, weighed.evidence.a_on_b))
+        for n in (weighed.best, rival)
+    ]
     return (
         f"ambiguous: another place, {math.hypot(*apart):.1f} m away and turned by {turned:.0f} deg, fits about as well "
-        f"({weighed.probability[weighed.best]:.0%} against {weighed.probability[rival]:.0%})"
+        f"({hits[1]:.0f} m of wall agree there, {hits[0]:.0f} m here)"
     )
 
 
@@ -196,10 +224,12 @@ def slide(weighed: Weighed) -> tuple[float, float]:
     return direction, _SLIDE_STEP_M * max(min(int(np.argmin(way)) for way in ways) - 1, 0)
 
 
-def _alternatives(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> tuple[Alternative, ...]:
-    """Return the places other than the best that are not improbable, the most probable first."""
+def _alternatives(
+    weighed: Weighed, rule: LayeredSettings, ranking: Ranking, rival: int | None
+) -> tuple[Alternative, ...]:
+    """Return the rival, if there is one, and then the other places that are not improbable, the best first."""
     different = different_places(weighed.pool.poses, weighed.b)
-    listed = [weighed.best]
+    listed = [weighed.best] if rival is None else [weighed.best, rival]
     for n in np.argsort(-weighed.probability, kind="stable").tolist():
         if weighed.probability[n] < rule.listed or len(listed) > rule.most_listed:
             break

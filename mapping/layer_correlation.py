@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import fft
 
@@ -23,7 +24,9 @@ from mapping.wall_map import FREE, WALL, WallMap
 
 FloatArray = NDArray[np.float64]
 Layer = NDArray[np.float32]
+Spectrum = NDArray[np.complex64]
 _CONFLICT = 1.0  # w_c
+_COMMON_FREE = 0.05  # w_f: large wholes need much of it, small overlaps little
 _BLUR_CELLS = 0.8
 _WALL_SHARE, _CLEAR_CELLS = 0.2, 1.9  # free cells count farther than this from a cell with that much wall
 _CLEARED = 4  # cells around a peak that no second peak may lie in
@@ -58,10 +61,10 @@ def coarse_layers(walls: WallMap, cell_m: float) -> Layers:
     return Layers(occupied, free, cell_m)
 
 
-def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int, common_free: float = 0.05) -> Shifts:
+def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int) -> Shifts:
     """Return the best shifts of every one of `turns` rotations of b, an even number, all in one list.
 
-    Both must have the same cell_m; common_free is w_f. Memory grows with the area of both, time with turns times that.
+    Both must have the same cell_m. Memory grows with the area of both, time with turns times that.
     """
     side = math.ceil(math.hypot(*b.wall.shape)) + 2
     rows, cols = a.wall.shape
@@ -69,7 +72,7 @@ def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int, common_f
     spectrum_wall = fft.rfft2(cv2.GaussianBlur(a.wall, (0, 0), _BLUR_CELLS), shape)
     spectrum_free = fft.rfft2(a.free, shape)
     against_wall = spectrum_wall - np.float32(_CONFLICT) * spectrum_free
-    against_free = np.float32(common_free) * spectrum_free - np.float32(_CONFLICT) * spectrum_wall
+    against_free = np.float32(_COMMON_FREE) * spectrum_free - np.float32(_CONFLICT) * spectrum_wall
     middle_b = (np.array(b.wall.shape[::-1]) - 1.0) / 2.0
     middle = np.full(2, (side - 1) / 2.0)
     poses: list[list[float]] = []
@@ -85,10 +88,8 @@ def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int, common_f
             for layer in (b.wall, b.free)
         )
         # Turned by half a turn, the canvas is read backwards: its correlation is the convolution with what is there.
-        halves = (
-            (turn, rotation, 0, against_wall * wall_b.conj() + against_free * free_b.conj()),
-            (turn + np.pi, -rotation, side - 1, against_wall * wall_b + against_free * free_b),
-        )
+        products = _products(against_wall, against_free, wall_b, free_b)
+        halves = ((turn, rotation, 0, products[0]), (turn + np.pi, -rotation, side - 1, products[1]))
         for angle, turned, ahead, product in halves:
             corner = middle - turned @ (middle_b + 0.5) + 0.5
             for score, row, col in _peaks(fft.irfft2(product, shape, overwrite_x=True), peaks_per_turn):
@@ -99,9 +100,21 @@ def correlate(a: Layers, b: Layers, *, turns: int, peaks_per_turn: int, common_f
     return Shifts(np.array(poses)[order], np.array(scores)[order])
 
 
-def _spectrum_of_corner(layer: Layer, shape: tuple[int, int]) -> NDArray[np.complex64]:
+def _spectrum_of_corner(layer: Layer, shape: tuple[int, int]) -> Spectrum:
     """Return the spectrum of a layer that is padded to a shape; the rows of zeros are not transformed one by one."""
     return np.asarray(fft.fft(fft.rfft(layer, shape[1], axis=1), shape[0], axis=0))
+
+
+@njit(cache=True, nogil=True)
+def _products(wall_a: Spectrum, free_a: Spectrum, wall_b: Spectrum, free_b: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """Return wall_a wall_b* + free_a free_b*, and the same with b's spectra themselves, in one pass."""
+    correlated, convolved = np.empty_like(wall_b), np.empty_like(wall_b)
+    for row in range(wall_b.shape[0]):
+        for col in range(wall_b.shape[1]):
+            w, f = wall_b[row, col], free_b[row, col]
+            correlated[row, col] = wall_a[row, col] * w.conjugate() + free_a[row, col] * f.conjugate()
+            convolved[row, col] = wall_a[row, col] * w + free_a[row, col] * f
+    return correlated, convolved
 
 
 def _unwrapped(shift: int, extent: int, period: int) -> int:
@@ -113,7 +126,7 @@ def _pooled(mask: NDArray[np.bool_], factor: float) -> Layer:
     """Return the share of set cells in cells 1 / factor times as large; what sticks out is unset."""
     rows, cols = (max(1, math.ceil(count * factor - 1e-9)) for count in mask.shape)
     padded = np.zeros((max(round(rows / factor), mask.shape[0]), max(round(cols / factor), mask.shape[1])), np.uint8)
-    padded[: mask.shape[0], : mask.shape[1]] = np.where(mask, np.uint8(255), np.uint8(0))
+    np.multiply(mask, np.uint8(255), out=padded[: mask.shape[0], : mask.shape[1]], casting="unsafe")
     pooled = cv2.resize(padded, (cols, rows), interpolation=cv2.INTER_AREA)
     return np.asarray(pooled.astype(np.float32) / np.float32(255.0))
 

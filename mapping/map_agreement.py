@@ -28,13 +28,15 @@ _BLOCK_AGREES, _BLOCK_FAILS = 0.7, 0.3
 _LINE_RAD, _LINE_M = math.radians(15.0), 0.5  # walls so much alike in direction and place are one line
 _LINE_LEAST_M = 0.75
 _NEAR_KNOWN = 3
+_CODES = 127  # directions are told apart by so many
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """A map to judge against: like its states, with NEAR_KNOWN for unknown cells beside known ones, and directions.
 
-    directions (rows, cols): normal of the nearest outline point, in 1/254 of half a turn; 255 where it has none.
+    directions (rows, cols): normal of the nearest outline point; 0 to 126 in 1/127 of a turn where its open side is
+    known, 127 to 253 in 1/127 of half a turn where it is not, 255 where it has none.
     """
 
     walls: WallMap
@@ -44,15 +46,16 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Probe:
-    """Points (N, 2) of a map's outline to try on the other, their lengths (N,) in m and normals (N, 2).
+    """Points (N, 2) of a map's outline to try on the other, their lengths (N,) in m and normals (N, 2), see Outline.
 
-    blocks, lines (N,): number of the 2 m block that a point is in, and of the straight line that it is part of, -1 for
-    none.
+    faced (N,): the normal points to the wall's open side. blocks, lines (N,): number of the 2 m block that a point is
+    in, and of the straight line that it is part of, -1 for none.
     """
 
     points: FloatArray
     lengths: FloatArray
     normals: FloatArray
+    faced: NDArray[np.bool_]
     blocks: NDArray[np.int64]
     lines: NDArray[np.int64]
 
@@ -69,7 +72,8 @@ class Agreements:
     worst (K, 2): metres in the block that contradicts most, at the middle and the wide tolerance; against (K, 2):
     contradicting metres of straight wall alone; good_lines, bad_lines (K,): straight lines that agree and that
     contradict; variety (K,): over how many lines the agreeing wall is spread (exponential of the entropy); rough (K,):
-    agreeing metres without a direction, of corners and furniture.
+    agreeing metres without a direction, of corners and furniture; behind, before (K,): metres of parallel wall that
+    were seen from opposite sides and from the same side.
     """
 
     known: FloatArray
@@ -90,6 +94,8 @@ class Agreements:
     bad_lines: FloatArray
     variety: FloatArray
     rough: FloatArray
+    behind: FloatArray
+    before: FloatArray
 
 
 def surface_of(walls: WallMap, outline: Outline) -> Surface:
@@ -104,7 +110,7 @@ def surface_of(walls: WallMap, outline: Outline) -> Surface:
         empty[rows, cols] = 0
         _, labels = cv2.distanceTransformWithLabels(empty, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL)
         codes = np.full(int(labels.max()) + 1, 255, np.uint8)
-        codes[labels[rows, cols]] = _direction_codes(outline.normals)
+        codes[labels[rows, cols]] = _direction_codes(outline.normals, outline.faced)
         directions = codes[labels]
     return Surface(walls, np.asarray(seen, dtype=np.uint8), directions)
 
@@ -117,13 +123,22 @@ def probe_of(outline: Outline, most: int) -> Probe:
     squares = np.floor(outline.points[chosen] / _BLOCK_M).astype(np.int64)
     _, blocks = np.unique(squares, axis=0, return_inverse=True)
     points, normals = outline.points[chosen], outline.normals[chosen]
-    return Probe(points, lengths, normals, blocks.reshape(-1).astype(np.int64), _lines_of(points, normals))
+    return Probe(
+        points, lengths, normals, outline.faced[chosen], blocks.reshape(-1).astype(np.int64), _lines_of(points, normals)
+    )
 
 
 def judge_poses(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m: float) -> Agreements:
     """Count the probe's wall on the surface at poses (K, 3) of its grid; least_cell_m: cell of the coarser map."""
+    return judge_placed(surface, probe, place(probe.points, poses), poses, least_cell_m)
+
+
+def judge_placed(
+    surface: Surface, probe: Probe, placed: FloatArray, poses: FloatArray, least_cell_m: float
+) -> Agreements:
+    """Count the probe's wall as `judge_poses` does, with its points at places (K, N, 2) near those of the poses."""
     tolerances, violations = limits_m(least_cell_m)
-    seen = _look_up(surface, probe, poses)
+    seen = _look_up(surface, probe, placed, poses[:, 2])
     lengths = probe.lengths.astype(np.float32)
     hit = seen.distance <= tolerances[1]
     against = seen.free & (seen.distance > violations[1])
@@ -154,12 +169,14 @@ def judge_poses(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m:
         bad_lines=bad_lines,
         variety=variety,
         rough=((seen.distance <= tolerances[0]) & (seen.across < 0.0)) @ lengths,
+        behind=(along & (seen.facing < 0)) @ lengths,
+        before=(along & (seen.facing > 0)) @ lengths,
     )
 
 
 def net_metres(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m: float) -> FloatArray:
     """Return hits less twice the conflicts (K, 3) at the three tolerances: `judge_poses` for very many poses."""
-    seen = _look_up(surface, probe, poses)
+    seen = _look_up(surface, probe, place(probe.points, poses), poses[:, 2])
     lengths = probe.lengths.astype(np.float32)
     return np.column_stack(
         [
@@ -167,6 +184,15 @@ def net_metres(surface: Surface, probe: Probe, poses: FloatArray, least_cell_m: 
             for tolerance, violation in zip(*limits_m(least_cell_m), strict=True)
         ]
     )
+
+
+def place(points: FloatArray, poses: FloatArray) -> FloatArray:
+    """Return points (N, 2) as each of poses (K, 3) places them: (K, N, 2)."""
+    cos, sin = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
+    placed = np.empty((len(poses), len(points), 2))
+    placed[:, :, 0] = poses[:, :1] + cos * points[:, 0] - sin * points[:, 1]
+    placed[:, :, 1] = poses[:, 1:2] + sin * points[:, 0] + cos * points[:, 1]
+    return placed
 
 
 def limits_m(least_cell_m: float) -> tuple[FloatArray, FloatArray]:
@@ -180,12 +206,14 @@ def limits_m(least_cell_m: float) -> tuple[FloatArray, FloatArray]:
 @dataclass(frozen=True, slots=True, eq=False)
 class _Seen:
     """What N points meet at K poses: distance (K, N) to the nearest wall, inf on cells the surface does not know; free
-    (K, N) cells; across (K, N): cosine between the walls' normals, -1 where one has none.
+    (K, N) cells; across (K, N): cosine between the walls' normals, -1 where one has none; facing (K, N): 1 where both
+    were seen from the same side, -1 from opposite sides, 0 where that is not known.
     """
 
     distance: NDArray[np.float32]
     free: NDArray[np.bool_]
     across: NDArray[np.float32]
+    facing: NDArray[np.int8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -198,16 +226,18 @@ class _Hold:
     turning: FloatArray
 
 
-def _look_up(surface: Surface, probe: Probe, poses: FloatArray) -> _Seen:
-    shape = (len(poses), len(probe.points))
+def _look_up(surface: Surface, probe: Probe, placed: FloatArray, yaws: FloatArray) -> _Seen:
+    """Return what the probe's points, at places (K, N, 2) and turned by yaws (K,), meet."""
+    shape = placed.shape[:2]
     distance, free = np.full(shape, np.inf, np.float32), np.zeros(shape, np.bool_)
-    across = np.full(shape, -1.0, np.float32)
+    across, facing = np.full(shape, -1.0, np.float32), np.zeros(shape, np.int8)
     walls = surface.walls
+    angles = np.where((probe.normals != 0.0).any(axis=1), np.arctan2(probe.normals[:, 1], probe.normals[:, 0]), np.nan)
     _fill(
-        walls.distances, surface.seen, surface.directions, walls.resolution_m, probe.points, probe.normals,
-        np.ascontiguousarray(poses), (distance, free, across),
+        (walls.distances, surface.seen, surface.directions), walls.resolution_m, placed, yaws, angles, probe.faced,
+        (distance, free, across, facing),
     )  # fmt: skip
-    return _Seen(distance, free, across)
+    return _Seen(distance, free, across, facing)
 
 
 def _hold(weights: NDArray[np.float32], probe: Probe, poses: FloatArray) -> _Hold:
@@ -300,42 +330,45 @@ def _lines_of(points: FloatArray, normals: FloatArray) -> NDArray[np.int64]:
     return lines
 
 
-def _direction_codes(normals: FloatArray) -> NDArray[np.uint8]:
-    """Return the directions (N,) of normals (N, 2), without their sign, as in Surface."""
-    angle = np.arctan2(normals[:, 1], normals[:, 0]) % np.pi
-    codes = np.minimum(np.rint(angle * (254.0 / np.pi)), 254.0).astype(np.uint8)
+def _direction_codes(normals: FloatArray, faced: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Return the directions (N,) of normals (N, 2) as in Surface."""
+    angle = np.arctan2(normals[:, 1], normals[:, 0])
+    signed = np.rint(angle * (_CODES / (2.0 * np.pi))) % _CODES
+    unsigned = _CODES + np.rint(angle * (_CODES / np.pi)) % _CODES
+    codes = np.where(faced, signed, unsigned).astype(np.uint8)
     return np.where((normals == 0.0).all(axis=1), np.uint8(255), codes)
 
 
 @njit(cache=True, nogil=True)
 def _fill(
-    distances: Distances,
-    seen: States,
-    directions: NDArray[np.uint8],
+    layers: tuple[Distances, States, NDArray[np.uint8]],
     resolution_m: float,
-    points: FloatArray,
-    normals: FloatArray,
-    poses: FloatArray,
-    found: tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]],
+    placed: FloatArray,
+    yaws: FloatArray,
+    angles: FloatArray,
+    faced: NDArray[np.bool_],
+    found: tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32], NDArray[np.int8]],
 ) -> None:
-    """Fill what `_look_up` returns."""
-    distance, free, across = found
+    """Fill what `_look_up` returns; layers of a surface: distances, seen, directions; angles (N,), nan for none."""
+    distances, seen, directions = layers
+    distance, free, across, facing = found
     rows, cols = distances.shape
-    for k in range(poses.shape[0]):
-        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-        for n in range(points.shape[0]):
-            x = poses[k, 0] + cos * points[n, 0] - sin * points[n, 1]
-            y = poses[k, 1] + sin * points[n, 0] + cos * points[n, 1]
-            col, row = math.floor(x / resolution_m), math.floor(y / resolution_m)
+    for k in range(placed.shape[0]):
+        for n in range(placed.shape[1]):
+            col, row = math.floor(placed[k, n, 0] / resolution_m), math.floor(placed[k, n, 1] / resolution_m)
             if col < 0 or row < 0 or col >= cols or row >= rows or seen[row, col] == UNKNOWN:
                 continue
             distance[k, n] = distances[row, col]
             free[k, n] = seen[row, col] == FREE
             code = directions[row, col]
-            nx, ny = normals[n, 0], normals[n, 1]
-            if code < 255 and (nx != 0.0 or ny != 0.0):
-                turn = poses[k, 2] + math.atan2(ny, nx) - code * math.pi / 254.0
-                across[k, n] = abs(math.cos(turn))
+            if code == 255 or math.isnan(angles[n]):
+                continue
+            one_sided = code < _CODES
+            other = code * (2.0 * math.pi / _CODES) if one_sided else (code - _CODES) * (math.pi / _CODES)
+            cosine = math.cos(yaws[k] + angles[n] - other)
+            across[k, n] = abs(cosine)
+            if one_sided and faced[n]:
+                facing[k, n] = 1 if cosine > 0.0 else -1
 
 
 @njit(cache=True, nogil=True)

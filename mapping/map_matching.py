@@ -136,7 +136,7 @@ def judge(walls: WallMap, points: FloatArray, origins: FloatArray, pose: FloatAr
 
 
 @njit(cache=True, nogil=True)
-def _distance_at(distances: Distances, x: float, y: float) -> tuple[float, float, float]:
+def distance_at(distances: Distances, x: float, y: float) -> tuple[float, float, float]:
     """Return the interpolated distance and its slope, in units of the field a cell, at x, y in cells."""
     fx, fy = x - 0.5, y - 0.5
     col, row = math.floor(fx), math.floor(fy)
@@ -210,7 +210,7 @@ def _accumulate(
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     for n in range(points.shape[0]):
         rx, ry = cos * points[n, 0] - sin * points[n, 1], sin * points[n, 0] + cos * points[n, 1]
-        d, gx, gy = _distance_at(distances, (pose[0] + rx) / resolution_m, (pose[1] + ry) / resolution_m)
+        d, gx, gy = distance_at(distances, (pose[0] + rx) / resolution_m, (pose[1] + ry) / resolution_m)
         if d >= 4.0 * scale_m:
             continue
         hits += d <= _HIT_M

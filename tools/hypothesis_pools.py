@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fusion.evaluation import error_at_points
-from fusion.evidence import TRENDS, different_places, gather
-from fusion.feature_places import match_maps
-from fusion.hypotheses import DEEP, FAST, find_hypotheses
+from fusion.evidence import TRENDS, different_places, judged_places
 from fusion.identity import reference_rank
 from fusion.survey import survey
 from mapping import se2
@@ -27,22 +25,6 @@ from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
 _SAVED_EACH = 100  # pairs: what was found until then survives the end of the process
-
-
-@dataclass(frozen=True, slots=True)
-class Search:
-    """How hypotheses are looked for: the seed of the feature matches, and whether a deep search follows the fast one.
-
-    The registration looks deeply where the fast search leaves doubt.
-    """
-
-    seed: int = 0
-    deep: bool = False
-
-    @property
-    def name(self) -> str:
-        """What a cache is marked with."""
-        return f"{'deep' if self.deep else 'fast'} search, seed {self.seed}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,25 +54,26 @@ def keyed_pairs(folder: Path) -> dict[str, MapPair]:
 
 
 def pools_of(
-    pairs: dict[str, MapPair], search: Search, jobs: int, cache: Path | None, on_progress: Callable[[str], None]
+    pairs: dict[str, MapPair], seed: int, jobs: int, cache: Path | None, on_progress: Callable[[str], None]
 ) -> list[HypothesisPool]:
     """Return the pool of each pair, in their order; those in the cache file are taken from there, new ones put there.
 
-    jobs: processes. Raises MapFileError, and ToolError for a cache of other evidence or another search.
+    seed: of the feature matches; jobs: processes. Raises MapFileError, and ToolError for a cache of other evidence or
+    of another seed.
     """
-    found = {} if cache is None or not cache.exists() else read_pools(cache, search)
+    found = {} if cache is None or not cache.exists() else read_pools(cache, seed)
     missing = {key: pair for key, pair in pairs.items() if key not in found}
     on_progress(f"{len(pairs)} pairs, {len(pairs) - len(missing)} of them in the cache")
-    for new, pool in enumerate(_computed(missing, search, jobs), start=1):
+    for new, pool in enumerate(_computed(missing, seed, jobs), start=1):
         found[pool.key] = pool
         if new % _SAVED_EACH == 0 or new == len(missing):
             on_progress(f"hypotheses of {new} of {len(missing)} pairs")
             if cache is not None:
-                write_pools(cache, list(found.values()), search)
+                write_pools(cache, list(found.values()), seed)
     return [found[key] for key in pairs]
 
 
-def pool_of(key: str, pair: MapPair, search: Search) -> HypothesisPool:
+def pool_of(key: str, pair: MapPair, seed: int) -> HypothesisPool:
     """Return the hypotheses of a pair as the registration makes them, each judged by the pair's truth."""
     a, b = load_grids(pair)
     exchanged = reference_rank(b) < reference_rank(a)
@@ -100,25 +83,21 @@ def pool_of(key: str, pair: MapPair, search: Search) -> HypothesisPool:
         return HypothesisPool(
             key, buildings, true, np.empty((0, len(TRENDS))), np.empty(0, np.bool_), np.empty((0, 0), np.bool_)
         )
-    matches = match_maps(first, second)
-    pool = find_hypotheses(first, second, matches, FAST, seed=search.seed)
-    if search.deep:
-        pool = find_hypotheses(first, second, matches, DEEP, seed=search.seed, earlier=pool)
-    features = gather(first, second, pool).features
+    pool, evidence = judged_places(first, second, seed)
     poses = se2.compose(se2.compose(first.walls.T_map_grid, pool.poses), se2.inverse(second.walls.T_map_grid))
     right = _right(pair.truth, se2.inverse(poses) if exchanged else poses)
-    table = np.column_stack([features[name] for name in TRENDS])
+    table = np.column_stack([evidence.features[name] for name in TRENDS])
     return HypothesisPool(key, buildings, true, table, right, different_places(pool.poses, second))
 
 
-def read_pools(path: Path, search: Search) -> dict[str, HypothesisPool]:
-    """Read a cache of pools by key; raises ToolError for one of other evidence, of another search, or damaged."""
+def read_pools(path: Path, seed: int) -> dict[str, HypothesisPool]:
+    """Read a cache of pools by key; raises ToolError for one of other evidence, of another seed, or damaged."""
     try:
         with np.load(path) as stored:
-            held = str(stored["search"])
-            if stored["names"].tolist() != list(TRENDS) or held != search.name:
+            held = int(stored["seed"])
+            if stored["names"].tolist() != list(TRENDS) or held != seed:
                 raise ToolError(
-                    f"{path}: of other evidence, or of {held} instead of {search.name}: delete it, or name another"
+                    f"{path}: of other evidence, or of seed {held} instead of {seed}: delete it, or name another"
                 )
             sizes = stored["sizes"]
             rows, squares = np.cumsum(sizes)[:-1], np.cumsum(sizes**2)[:-1]
@@ -140,14 +119,14 @@ def read_pools(path: Path, search: Search) -> dict[str, HypothesisPool]:
         raise ToolError(f"{path}: no cache of pools ({error!r}): delete it, or name another") from error
 
 
-def write_pools(path: Path, pools: Sequence[HypothesisPool], search: Search) -> None:
+def write_pools(path: Path, pools: Sequence[HypothesisPool], seed: int) -> None:
     """Write a cache of pools, whole or not at all."""
     partial_path = path.with_name(f"{path.name}.part")
     with writing_to(path), partial_path.open("wb") as file:
         np.savez_compressed(
             file,
             names=np.array(list(TRENDS)),
-            search=np.array(search.name),
+            seed=np.array(seed),
             keys=np.array([pool.key for pool in pools]),
             buildings=np.array([pool.buildings for pool in pools]),
             true=np.array([pool.true for pool in pools]),
@@ -160,8 +139,8 @@ def write_pools(path: Path, pools: Sequence[HypothesisPool], search: Search) -> 
         partial_path.replace(path)
 
 
-def _computed(pairs: dict[str, MapPair], search: Search, jobs: int) -> Iterator[HypothesisPool]:
-    work = partial(pool_of, search=search)
+def _computed(pairs: dict[str, MapPair], seed: int, jobs: int) -> Iterator[HypothesisPool]:
+    work = partial(pool_of, seed=seed)
     if jobs <= 1 or len(pairs) < 2:
         yield from map(work, pairs.keys(), pairs.values())
         return

@@ -77,6 +77,26 @@ def test_a_corridor_holds_across_and_not_along():
     assert found.variety[0] == pytest.approx(2.0, abs=0.1)
 
 
+def one_side(above: bool) -> WallMap:
+    """A straight wall of 8 m and one cell, seen from one side only."""
+    cells = np.zeros((120, 200), np.float32)
+    cells[60, 20:180] = 3.0
+    cells[slice(61, 100) if above else slice(20, 60), 20:180] = -3.0
+    return wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.62)
+
+
+def test_walls_seen_from_opposite_sides_are_told_from_those_seen_from_one():
+    same = judged(one_side(above=True), one_side(above=True), HERE)
+    opposite = judged(one_side(above=True), one_side(above=False), HERE)
+    assert same.before[0] == pytest.approx(8.0, rel=0.05)
+    assert same.behind[0] == 0.0
+    assert opposite.behind[0] == pytest.approx(8.0, rel=0.05)
+    assert opposite.before[0] == 0.0
+    turned = np.array([[0.0, 0.0, np.pi]])
+    turned[0, :2] = np.array([10.0, 6.05])  # about the wall's middle
+    assert judged(one_side(above=True), one_side(above=True), turned).behind[0] == pytest.approx(8.0, rel=0.05)
+
+
 def test_many_poses_are_judged_as_each_by_itself():
     walls, other = room(), room(door=True)
     poses = np.random.default_rng(3).uniform([-1.0, -1.0, -0.5], [1.0, 1.0, 0.5], (20, 3))

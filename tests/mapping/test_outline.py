@@ -40,6 +40,26 @@ def test_normals_point_across_the_wall(angle_deg):
     assert clear.mean() > 0.95
     assert np.median(np.abs(outline.normals[clear] @ normal)) > math.cos(math.radians(4.0))
     assert np.hypot(*outline.normals[clear].T) == pytest.approx(1.0)
+    assert outline.faced.mean() > 0.9
+    assert (outline.normals[outline.faced] @ -normal > 0.0).all()  # towards the free side
+
+
+def test_a_wall_of_one_cell_seen_from_both_sides_faces_neither():
+    cells = np.full((60, 60), -3.0, np.float32)
+    cells[30, 5:55] = 3.0
+    outline = outline_of(wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.62))
+    assert not outline.faced[(outline.points[:, 0] > 0.5) & (outline.points[:, 0] < 2.5)].any()
+
+
+def test_the_two_sides_of_a_thick_wall_face_apart():
+    cells = np.full((60, 60), -3.0, np.float32)
+    cells[30:33, 5:55] = 3.0
+    outline = outline_of(wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.62))
+    inside = (outline.points[:, 0] > 0.5) & (outline.points[:, 0] < 2.5)
+    low = outline.points[:, 1] < 31 * CELL_M
+    assert outline.faced[inside].all()
+    assert (outline.normals[inside & low, 1] < 0.0).all()
+    assert (outline.normals[inside & ~low, 1] > 0.0).all()
 
 
 def test_only_what_borders_on_free_space_is_outline():

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from fusion.ranking import read_ranking
-from tools.hypothesis_pools import Search, keyed_pairs, pools_of
+from tools.hypothesis_pools import keyed_pairs, pools_of
 from tools.pair_files import write_pairs
 from tools.pair_making import WindowPlan, window_pairs
 from tools.registration_evaluation import chosen_pairs, left_out_registrations
@@ -54,7 +54,7 @@ def test_every_pair_is_registered_by_weights_of_other_buildings(lists, cache, cl
 def test_the_registration_of_a_pair_has_the_ranking_without_its_buildings(lists, cache):
     pairs = [pair for folder in lists for pair in chosen_pairs(folder, [], None, 0)]
     keyed = {key: pair for folder in lists for key, pair in keyed_pairs(folder).items()}
-    registered = left_out_registrations(pairs, pools_of(keyed, Search(), 1, cache, lambda _: None), lambda _: None)
+    registered = left_out_registrations(pairs, pools_of(keyed, 0, 1, cache, lambda _: None), lambda _: None)
     rankings = [each.args[0] for each in registered]  # type: ignore[attr-defined]
     assert len(rankings) == 6
     assert [each.origin for each in rankings] == ["without hall"] * 3 + ["without mill"] * 3
@@ -66,8 +66,7 @@ def test_bad_input_is_one_line(lists, cache, cli, tmp_path):
         (["learn", lists[0], "-o", tmp_path / "none/w.json"], 1),
         (["learn", lists[0], "-o", tmp_path / "w.json", "--cache", cache], 1),
         (["evaluate", "registration", lists[0], "--cache", cache], 2),
-        (["evaluate", "registration", lists[0], "--deep"], 2),
-        (["learn", *lists, "-o", tmp_path / "w.json", "--cache", cache, "--deep"], 1),
+        (["learn", *lists, "-o", tmp_path / "w.json", "--cache", cache, "--seed", "1"], 1),
         (["evaluate", "registration", lists[0], "--method", "thesis", "--leave-one-out", lists[1]], 2),
         (["evaluate", "registration", lists[0], "--leave-one-out", lists[0], "--cache", cache], 1),
     ):

@@ -14,7 +14,6 @@ from tools.commands.options import Json, MethodName, Seed, print_json
 from tools.errors import UsageError
 
 if TYPE_CHECKING:
-    from tools.hypothesis_pools import Search
     from tools.pair_files import MapPair
     from tools.registration_evaluation import Register
 
@@ -49,7 +48,6 @@ def registration(
         Path | None,
         typer.Option(metavar="FILE", help="With --leave-one-out: hypotheses of pairs, as `learn --cache` keeps them."),
     ] = None,
-    deep: Annotated[bool, typer.Option("--deep", help="With --leave-one-out: learn as `learn --deep` does.")] = False,
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="DIR", help="Folder for rows.jsonl, report.json and plots."),
@@ -64,21 +62,20 @@ def registration(
     from contextlib import ExitStack
     from functools import partial
 
-    from tools.hypothesis_pools import Search
     from tools.registration_evaluation import chosen_pairs, evaluate_registration, register_by
     from tools.registration_scores import failure_lines, table_of
     from tools.results import Report, check_run_folder, new_run_folder, writing_to
 
     if output is not None:
         check_run_folder(output)
-    if (cache is not None or deep) and leave_one_out is None:
-        raise UsageError(f"--{'deep' if deep else 'cache'}: only with --leave-one-out")
+    if cache is not None and leave_one_out is None:
+        raise UsageError("--cache: only with --leave-one-out")
     if leave_one_out is not None and method != MethodName.default:
         raise UsageError(f"--leave-one-out: method {method.value} learns nothing: leave one of the two out")
     chosen = chosen_pairs(pairs, only or [], sample, seed)
     registered: Register | list[Register] = partial(register_by, method.value)
     if leave_one_out is not None:
-        registered = _left_out(chosen, [pairs, *leave_one_out], cache, Search(seed, deep), jobs)
+        registered = _left_out(chosen, [pairs, *leave_one_out], cache, seed, jobs)
     with ExitStack() as open_files:
         rows_file = None
         if output is not None:
@@ -107,7 +104,7 @@ def registration(
 
 
 def _left_out(
-    chosen: Sequence[MapPair], lists: Sequence[Path], cache: Path | None, search: Search, jobs: int
+    chosen: Sequence[MapPair], lists: Sequence[Path], cache: Path | None, seed: int, jobs: int
 ) -> list[Register]:
     """Return a registration for each chosen pair, its ranking learned from the lists without the pair's buildings."""
     from tools.hypothesis_pools import keyed_pairs, pools_of
@@ -119,7 +116,7 @@ def _left_out(
     if cache is not None:
         check_new_file(cache)
     keyed = {key: pair for folder in lists for key, pair in keyed_pairs(folder).items()}
-    return left_out_registrations(chosen, pools_of(keyed, search, jobs, cache, log.info), log.info)
+    return left_out_registrations(chosen, pools_of(keyed, seed, jobs, cache, log.info), log.info)
 
 
 def _save(folder: Path, report: dict[str, Any]) -> None:

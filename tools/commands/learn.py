@@ -20,10 +20,6 @@ def learn(
         Path | None,
         typer.Option(metavar="FILE", help="Keep each pair's hypotheses here (.npz), for one version of the program."),
     ] = None,
-    deep: Annotated[
-        bool,
-        typer.Option("--deep", help="Look for hypotheses as the registration does in doubt: more of them, slower."),
-    ] = False,
     seed: Seed = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 1,
 ) -> None:
@@ -31,7 +27,7 @@ def learn(
 
     Needs the extra [learn]. Same pairs and seed, same file.
     """
-    from tools.hypothesis_pools import Search, keyed_pairs, pools_of
+    from tools.hypothesis_pools import keyed_pairs, pools_of
     from tools.ranking_learning import Growth, check_installed, held_out_scores, learned, write_weights
     from tools.ranking_scores import held_out_lines
     from tools.results import check_new_file
@@ -40,9 +36,9 @@ def learn(
     for file in (output, *([cache] if cache else [])):
         check_new_file(file)
     keyed = {key: pair for folder in pairs for key, pair in keyed_pairs(folder).items()}
-    pools = pools_of(keyed, Search(seed, deep), jobs, cache, log.info)
+    pools = pools_of(keyed, seed, jobs, cache, log.info)
     held_out = held_out_scores(pools, Growth(), log.info)
-    words = " ".join([*(folder.resolve().name for folder in pairs), *(["--deep"] if deep else []), f"--seed {seed}"])
+    words = " ".join([*(folder.resolve().name for folder in pairs), f"--seed {seed}"])
     stored = learned(pools, Growth(), f"{len(pools)} pairs: mapfuse-robot learn {words}", held_out)
     write_weights(output, stored)
     for line in held_out_lines(held_out, (stored["slope"], stored["offset"])):
