@@ -143,15 +143,32 @@ def _step(
             matrix[half * _TERMS + i, half * _TERMS + i] += held
             slope[half * _TERMS + i] += held * factors[half, i]
         for j in range(i):
-            matrix[j, i] = matrix[i, j]
-            matrix[_TERMS + j, _TERMS + i] = matrix[_TERMS + i, _TERMS + j]
             matrix[_TERMS + j, i] = matrix[_TERMS + i, j]
-    for i in range(_TERMS):
-        for j in range(_TERMS):
-            matrix[i, _TERMS + j] = matrix[_TERMS + j, i]
-    step = np.zeros((2, _TERMS))
-    step[:] = np.linalg.solve(matrix, slope).reshape(2, _TERMS)
-    return step
+    _solve(matrix, slope)
+    return slope.reshape(2, _TERMS)
+
+
+@njit(cache=True, nogil=True)
+def _solve(matrix: FloatArray, vector: FloatArray) -> None:
+    """Replace the vector by the solution of a positive definite system, of which the lower half is read.
+
+    Cholesky; the library's solver differs in the last bit from call to call, by where its arrays lie in memory.
+    """
+    size = len(vector)
+    for i in range(size):
+        for j in range(i + 1):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = math.sqrt(rest) if i == j else rest / matrix[j, j]
+    for i in range(size):
+        for k in range(i):
+            vector[i] -= matrix[i, k] * vector[k]
+        vector[i] /= matrix[i, i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            vector[i] -= matrix[k, i] * vector[k]
+        vector[i] /= matrix[i, i]
 
 
 @njit(cache=True, nogil=True)
