@@ -21,7 +21,7 @@ from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
 LIST_NAME = "pairs.json"
-KINDS = ("lidar", "resolution", "camera", "bent", "warped")
+KINDS = ("lidar", "resolution", "camera", "bent", "changed", "warped")
 BANDS = ("low", "mid", "high")
 RIGHT_M, RIGHT_DEG = 0.5, 3.0
 _FORMAT, _VERSION = "mapfuse-pairs", 1
@@ -46,8 +46,8 @@ class MapPair:
     """Two map files; truth is None for a wrong pair: two places, be it of one building or of two.
 
     kind: lidar (one resolution), resolution (two), camera (b seen by a narrow sensor), bent (both deformed by random
-    fields) or warped (independent maps whose walls bend). band and overlap: of the common free space, in the smaller
-    map's; common_wall_m: seen in both.
+    fields), changed (bent, and things moved in each) or warped (independent maps whose walls bend). band and overlap:
+    of the common free space, in the smaller map's; common_wall_m: seen in both.
     """
 
     name: str

@@ -15,6 +15,7 @@ from mapping.map_image import encode_image
 from mapping.map_yaml import MapMode, MapYaml, format_map_yaml
 from tools.log_windows import TRIES, PosedScans, WindowPair, as_camera, draw_windows, map_of
 from tools.map_bending import bent_map_of, bent_truth, draw_field_pair
+from tools.map_changes import changed
 from tools.pair_files import MapPair, PairTruth
 from tools.pair_overlap import common_free, common_wall_m, wall_line
 from tools.results import writing_to
@@ -22,7 +23,8 @@ from tools.results import writing_to
 FloatArray = NDArray[np.float64]
 MAP_FOLDER = "maps"
 RESOLUTIONS_M = {"lidar": (0.05, 0.05), "resolution": (0.04, 0.10), "camera": (0.05, 0.05)}
-WINDOW_KINDS = (*RESOLUTIONS_M, "bent")
+_DEFORMED = ("bent", "changed")
+WINDOW_KINDS = (*RESOLUTIONS_M, *_DEFORMED)
 _BENT_RESOLUTIONS_M, _BENT_CAMERA_SHARE = (0.04, 0.05, 0.10), 0.25
 _LEAST_COMMON_M2 = 10.0
 _FRAME_M = 20.0
@@ -54,8 +56,8 @@ def window_pairs(folder: Path, scans: PosedScans, plan: WindowPlan, seed: int) -
         a_maps: dict[float, tuple[Path, OccupancyGrid]] = {}
         stem = f"{scans.building}-{window.band or 'apart'}-{number:02d}"
         for kind in plan.kinds:
-            if kind == "bent":
-                pairs += _bent_pair(folder / stem, (scans, camera), window, plan.bend_m, random)
+            if kind in _DEFORMED:
+                pairs += _deformed_pair(folder / f"{stem}-{kind}", (scans, camera), window, (kind, plan.bend_m), random)
                 continue
             T_b_log = random_frame(random)
             resolution_a, resolution_b = RESOLUTIONS_M[kind]
@@ -94,17 +96,19 @@ def _judged_pair(
     )
 
 
-def _bent_pair(
+def _deformed_pair(
     stem: Path,
     scans: tuple[PosedScans, PosedScans],
     window: WindowPair,
-    bend_m: tuple[float, float] | None,
+    how: tuple[str, tuple[float, float] | None],
     random: np.random.Generator,
 ) -> list[MapPair]:
     """Write two maps, each bent by a field of its own, and return their pair; none where too little is in common.
 
-    scans: of the lidar, and as a camera sees them, which a quarter of the second maps do.
+    scans: of the lidar, and as a camera sees them, which a quarter of the second maps do. how: bent or changed,
+    and how far it is bent, as in WindowPlan.
     """
+    kind, bend_m = how
     fields = draw_field_pair(random, bend_m)
     seen = scans[0], scans[1] if random.random() < _BENT_CAMERA_SHARE else scans[0]
     resolution_a, resolution_b = random.choice(_BENT_RESOLUTIONS_M, 2).tolist()
@@ -112,7 +116,9 @@ def _bent_pair(
     building = scans[0].building
     a = bent_map_of(seen[0], window.first, resolution_a, se2.IDENTITY, fields[0])
     b = bent_map_of(seen[1], window.second, resolution_b, T_b_log, fields[1])
-    pair = MapPair(f"{stem.name}-bent", Path(), Path(), building, building, "bent", window.band)
+    if kind == "changed":
+        a, b = changed(a, random), changed(b, random)
+    pair = MapPair(stem.name, Path(), Path(), building, building, kind, window.band)
     if window.band is not None:
         truth = bent_truth(seen, (window.first, window.second), fields, T_b_log)
         common = None if truth is None else common_free(a, b, truth.T_a_b)
@@ -120,7 +126,7 @@ def _bent_pair(
             return []
         wall_m = common_wall_m(wall_line(a), wall_line(b), truth.T_a_b)
         pair = replace(pair, overlap=common.share, common_wall_m=wall_m, truth=truth)
-    paths = [write_scale_map(stem.with_name(f"{stem.name}-{part}-bent"), grid) for part, grid in (("a", a), ("b", b))]
+    paths = [write_scale_map(stem.with_name(f"{stem.name}-{part}"), grid) for part, grid in (("a", a), ("b", b))]
     return [replace(pair, a=paths[0], b=paths[1])]
 
 

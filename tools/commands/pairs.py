@@ -36,7 +36,7 @@ def pairs(
         str,
         typer.Option(
             help="Maps made of each place: two alike, two resolutions, one as a depth camera sees; "
-            "bent: two deformed, each by a random field."
+            "bent: two deformed, each by a random field; changed: also with walls gone, things moved, walls thicker."
         ),
     ] = "lidar,resolution,camera",
     wrong: Annotated[
@@ -55,7 +55,10 @@ def pairs(
     bend_m: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            "--bend-m", metavar="LOW HIGH", min=0.0, help="How far kind bent moves points (rms, m). [default: mixed]"
+            "--bend-m",
+            metavar="LOW HIGH",
+            min=0.0,
+            help="How far bent and changed maps are bent (rms, m). [default: mixed]",
         ),
     ] = None,
     tries: Annotated[int, typer.Option(min=1, help="Random windows to look at, a SOURCE.")] = 3000,
