@@ -47,19 +47,14 @@ class Ranking:
     def log_odds(self, features: dict[str, FloatArray]) -> FloatArray:
         """Return the log-odds (K,) that each hypothesis is right, taken by itself."""
         table = np.column_stack([features[name] for name in self.names])
-        total = np.full(len(table), self.base)
-        rows = np.arange(len(table))
-        for tree in range(len(self.feature)):
-            node = np.zeros(len(table), dtype=np.int64)
-            while True:
-                asked = self.feature[tree][node]
-                inner = asked >= 0
-                if not inner.any():
-                    break
-                goes_low = table[rows, np.maximum(asked, 0)] <= self.threshold[tree][node]
-                node = np.where(inner, np.where(goes_low, self.low[tree][node], self.high[tree][node]), node)
-            total += self.value[tree][node]
-        return total
+        trees, rows = np.arange(len(self.feature))[:, np.newaxis], np.arange(len(table))
+        node = np.zeros((len(trees), len(table)), dtype=np.int64)  # where each hypothesis stands in each tree
+        while (inner := self.feature[trees, node] >= 0).any():
+            asked = np.maximum(self.feature[trees, node], 0)
+            goes_low = table[rows, asked] <= self.threshold[trees, node]
+            following = np.where(goes_low, self.low[trees, node], self.high[trees, node])
+            node = np.where(inner, following, node)
+        return np.asarray(self.base + self.value[trees, node].sum(axis=0))
 
     def calibrated(self, score: float) -> float:
         """Return the probability that a pair's best hypothesis is right, given p1 (1 - p2)."""

@@ -24,7 +24,16 @@ from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
 _DIGITS = 5  # of the numbers in the file
-_TEMPTING = ("net_sharp", "net_middle", "net_wide", "log_good_blocks")  # by these the best wrong ones are found
+# By these the best wrong hypotheses are found.
+_TEMPTING = (
+    "net_sharp",
+    "net_middle",
+    "net_wide",
+    "log_good_blocks",
+    "bent_net_sharp",
+    "bent_net_middle",
+    "bent_log_good_blocks",
+)
 _TEMPTING_EACH = 6
 
 
@@ -32,11 +41,11 @@ _TEMPTING_EACH = 6
 class Growth:
     """How the trees are grown: their number and depth, the rate, the least hypotheses in a leaf, the L2 penalty."""
 
-    trees: int = 120
+    trees: int = 250
     depth: int = 4
-    rate: float = 0.08
-    least_leaf: int = 15
-    l2: float = 1.0
+    rate: float = 0.05
+    least_leaf: int = 60
+    l2: float = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

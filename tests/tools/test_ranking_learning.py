@@ -89,7 +89,7 @@ def test_right_hypotheses_have_better_odds_than_wrong_ones(ranking, pools):
     right = np.concatenate([pool.right for pool in pools])
     odds = ranking.log_odds(dict(zip(NAMES, table.T, strict=True)))
     assert odds[right].mean() > odds[~right].mean() + 2.0
-    assert probabilities(odds)[right].mean() > 0.4
+    assert probabilities(odds)[right].mean() > 5.0 * probabilities(odds)[~right].mean()
     assert ranking.origin == "a test"
 
 
