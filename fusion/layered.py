@@ -34,13 +34,13 @@ _SLIDE_STEP_M, _SLIDE_STEPS, _SLIDE_KEEPS = 0.25, 80, 0.7
 class LayeredSettings:
     """What a pose must reach to be believed.
 
-    accept: probability from which a pose is believed; accept_long: where both maps show long_wall_m or more in one place,
-    which is more than the walls of one room, so that no two rooms of one size can be taken for each other. least_wall_m: of wall that both maps must show in one place;
-    least_weak_m: of it, how much must hold the pose in its weakest direction. ambiguous: share of the best one's
-    probability, if that is at least `likely`, at which another place makes it a toss. listed: alternatives are named
-    from this probability on, and at most most_listed. twin_hits, twin_conflicts: a pose below `accept` is ambiguous
-    rather than improbable if it and another place each have at most this share of contradicting wall, and the other at
-    least this share of the best one's agreeing wall.
+    accept: probability from which a pose is believed; accept_long: the same where both maps show long_wall_m or more in
+    one place, which is more than the walls of one room: no two rooms of one size can be taken for each other.
+    least_wall_m: of wall that both maps must show in one place; least_weak_m: of it, how much must hold the pose in its
+    weakest direction. ambiguous: share of the best one's probability, if that is at least `likely`, at which another
+    place makes it a toss. listed: alternatives are named from this probability on, and at most most_listed. twin_hits,
+    twin_conflicts: a pose that is not probable enough is ambiguous if it and another place each have at most this share
+    of contradicting wall, and the other at least this share of the best one's agreeing wall.
     """
 
     accept: float = 0.95
