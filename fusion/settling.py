@@ -24,7 +24,7 @@ from mapping.wall_map import FAR_M, WallMap
 FloatArray = NDArray[np.float64]
 _SCALES_M = (0.15, 0.12, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
 _SCALE_M = 0.1
-_MET_M, _LEAST_MET = 0.2, 20  # a wall so near is met; from so many points on a rigid motion is known
+_MET_M, _LEAST_MET = 0.15, 20  # a wall so near is met; from so many points on a rigid motion is known
 _ROUNDS, _GAIN_M = 3, 0.5  # at most so often, and only for so much more wall, another start is followed
 _HELD = 1e-3  # metres of wall that are taken to hold every direction
 
@@ -36,7 +36,8 @@ class UncertaintyModel:
     cells: variance of a metre of wall, in squares of the coarser map's cell. spread: factor on what the blocks pull
     apart. bend_m, bend_rad: standard deviation where all walls that agree at 0.25 m do not at 0.12 m: the maps are
     bent, and no rigid motion is right everywhere; straight: the share of such walls in straight maps. floor_m,
-    floor_rad: at the least. bent_for_good_m: rms bending from which no rigid pose is taken to fit.
+    floor_rad: at the least. bent_for_good_m, bent_for_good_share: rms bending from which, and share of the bent maps'
+    common wall up to which, no rigid pose is taken to fit.
     """
 
     cells: float = 0.5
@@ -47,6 +48,7 @@ class UncertaintyModel:
     floor_m: float = 0.005
     floor_rad: float = 0.0003
     bent_for_good_m: float = 0.25
+    bent_for_good_share: float = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,7 +90,7 @@ def settle(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyM
         settled, pulls, middle = tried[int(np.argmax(metres))]
     else:
         unbent = _unbent(a, b, settled)
-    if unbent.strain_m > model.bent_for_good_m:
+    if unbent.strain_m > model.bent_for_good_m and unbent.rigid_share < model.bent_for_good_share:
         settled = _between(*unbent.poses, middle)
     bend = max(0.0, _bent_share(a, b, settled, cell_m) - model.straight)
     least = np.array(
@@ -115,26 +117,34 @@ def _settled(a: SurveyedMap, b: SurveyedMap, pose: FloatArray) -> tuple[FloatArr
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Unbent:
-    """Where b lies rigidly if b is bent onto a, and if a is bent onto b; strain_m: the lesser bending of the two."""
+    """Where b lies rigidly if b is bent onto a, and if a is bent onto b; strain_m: the lesser bending of the two;
+    rigid_share: of the wall that meets once bent, how much meets without.
+    """
 
     poses: tuple[FloatArray, FloatArray]
     strain_m: float
+    rigid_share: float
 
 
 def _unbent(a: SurveyedMap, b: SurveyedMap, pose: FloatArray) -> _Unbent:
-    forth, strain_b = _rigid_part(a.walls, b.rough, pose)
-    back, strain_a = _rigid_part(b.walls, a.rough, se2.inverse(pose))
-    return _Unbent((forth, se2.inverse(back)), min(strain_a, strain_b))
+    forth, strain_b, met_b = _rigid_part(a.walls, b.rough, pose)
+    back, strain_a, met_a = _rigid_part(b.walls, a.rough, se2.inverse(pose))
+    bent_m, rigid_m = met_a + met_b
+    return _Unbent((forth, se2.inverse(back)), min(strain_a, strain_b), float(rigid_m / max(bent_m, 1e-9)))
 
 
-def _rigid_part(walls: WallMap, probe: Probe, pose: FloatArray) -> tuple[FloatArray, float]:
-    """Return the rigid motion nearest to that of the points that bending lays on walls, and the bending in m."""
+def _rigid_part(walls: WallMap, probe: Probe, pose: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Return the rigid motion nearest to that of the points that bending lays on walls, the bending in m, and the
+    metres (2,) of wall that meet bent and as they are.
+    """
     bent = bend_each(walls, probe.points, probe.lengths, pose[np.newaxis])
-    distance, _ = _field_at(walls, bent.placed[0])
-    met = distance < _MET_M
+    met, straight = (
+        _field_at(walls, points)[0] < _MET_M for points in (bent.placed[0], se2.transform_points(pose, probe.points))
+    )
+    metres = np.array([probe.lengths[met].sum(), probe.lengths[straight].sum()])
     if np.count_nonzero(met) < _LEAST_MET:
-        return pose, 0.0
-    return align_points(bent.placed[0][met], probe.points[met]), float(bent.strain_m[0])
+        return pose, 0.0, metres
+    return align_points(bent.placed[0][met], probe.points[met]), float(bent.strain_m[0]), metres
 
 
 def _agreeing_m(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, cell_m: float) -> float:
