@@ -37,7 +37,8 @@ _FULL_SIZE = (1920, 1080)
 _CROPPED_FROM = {(848, 100): (848, 480), (256, 144): _FULL_SIZE}  # these modes cut the middle out of another
 # An unmodified D435 (a QCar 2's): 385.6 px at 640x480, which the camera makes from 1280x800 at scale 0.6.
 _NOMINAL_FOCAL_PX = 385.6 / 0.6
-_NOMINAL_WIDTH, _NOMINAL_HEIGHT = 1280, 720
+_IMAGER_WIDTH, _IMAGER_HEIGHT = 1280, 800
+_WIDE = 1.7  # 16:9 modes use the imager's whole width, others its whole height
 
 
 class CalibrationSource(str, Enum):
@@ -168,7 +169,8 @@ def nominal_pinhole(size: Size) -> Pinhole:
     """Return what an average D435 has, with the axis through the middle: a few per cent off in focal length."""
     if size in _CROPPED_FROM:
         return cropped(nominal_pinhole(_CROPPED_FROM[size]), size)
-    scale = 0.6 if size == (640, 480) else max(size[0] / _NOMINAL_WIDTH, size[1] / _NOMINAL_HEIGHT)
+    width, height = size
+    scale = width / _IMAGER_WIDTH if width > _WIDE * height else height / _IMAGER_HEIGHT
     focal = _NOMINAL_FOCAL_PX * scale
     return Pinhole(*size, focal, focal, (size[0] - 1) / 2, (size[1] - 1) / 2)
 
