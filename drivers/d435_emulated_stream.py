@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.v4l2 import BUFFER_ERROR, TIMESTAMP_MONOTONIC
 
+_SEQUENCES = 1 << 32
 Image = NDArray[np.uint16]
 Images = Iterable[Image] | Callable[[int], Image]
 
@@ -125,8 +126,8 @@ class EmulatedStream:
             self._ended = True
             return
         self._frame += 1
-        sequence = self._sequence + faults.gaps.get(number, 0)
-        self._sequence = sequence + 1
+        sequence = (self._sequence + faults.gaps.get(number, 0)) % _SEQUENCES
+        self._sequence = (sequence + 1) % _SEQUENCES
         if not self._waiting or image is None:
             self.overruns += 1
             return

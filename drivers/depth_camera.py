@@ -142,21 +142,22 @@ class DepthCamera:
         return DepthCounters(**self._counts)
 
     def start(self) -> None:
-        """Begin to stream; raises PortBusyError, DeviceFaultError or DeviceLostError."""
+        """Begin to stream, anew if it does, and forget a stop that was requested.
+
+        Raises PortBusyError, DeviceFaultError or DeviceLostError.
+        """
         self.stop()
         self._stop_requested.clear()
-        self._next_sequence = None
-        self._device.start()
-        self._streaming = True
+        self._begin()
 
     def __iter__(self) -> Iterator[DepthImage]:
-        """Yield whole frames; starts the stream if it does not run.
+        """Yield whole frames; begins to stream if it does not, but obeys a stop that was requested before.
 
         Raises DeviceFaultError if no frame comes at first, or only damaged ones; DeviceLostError on unplugging or later
         silence.
         """
         if not self._streaming:
-            self.start()
+            self._begin()
         now_ns = self._device.calls.monotonic_ns
         heard_ns = whole_ns = now_ns()
         flowing = False
@@ -193,6 +194,11 @@ class DepthCamera:
         self.request_stop()
         self._streaming = False
         self._device.close()
+
+    def _begin(self) -> None:
+        self._next_sequence = None
+        self._device.start()
+        self._streaming = True
 
     def _receive(self, buffer: FilledBuffer) -> DepthImage | None:
         """Copy a frame out of its buffer, count it and give the buffer back; None for a damaged one."""

@@ -71,7 +71,7 @@ def describe_depth_node(path: str, calls: SystemCalls, sysfs: Path = Path("/sys"
         card = require_depth(device)
     finally:
         device.close()
-    name = path.rsplit("/", 1)[-1]
+    name = Path(path).resolve().name  # /dev/v4l/by-id has links
     model = D435_IDS.get(usb_ids(name, sysfs))
     speed = _attribute(name, "speed", sysfs)
     usb_mbps = float(speed) if re.fullmatch(r"\d+(\.\d+)?", speed) else None

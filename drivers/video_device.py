@@ -6,9 +6,7 @@ Knows nothing of depth. System calls are handed in, their errors come out typed.
 from __future__ import annotations
 
 import contextlib
-import errno
 import mmap
-import os
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,18 +14,9 @@ from struct import Struct
 from typing import Any
 
 from drivers import v4l2
-from drivers.errors import (
-    DeviceFaultError,
-    DeviceLostError,
-    DriverError,
-    PortBusyError,
-    PortMissingError,
-    PortPermissionError,
-)
+from drivers.errors import DeviceFaultError, DeviceLostError, DriverError
 from drivers.system_calls import SystemCalls
-
-# EIO joins these during a stream: the kernel breaks the queue before it takes the node away.
-_GONE = (errno.ENODEV, errno.ENXIO, errno.EBADF, errno.ESHUTDOWN)
+from drivers.video_errors import open_error, request_error
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +74,7 @@ class VideoDevice:
         try:
             self._descriptor: int | None = calls.open(path)
         except OSError as error:
-            raise _open_error(path, error) from error
+            raise open_error(path, error) from error
         self._maps: list[mmap.mmap] = []
         self._streaming = False
 
@@ -252,7 +241,7 @@ class VideoDevice:
         try:
             return self.calls.mmap(self._open_descriptor(), length, offset)
         except OSError as error:
-            raise self._error("mapping a buffer", error) from error
+            raise request_error(self.path, "mapping a buffer", error) from error
 
     def _ask(self, request: int, layout: Struct, fields: tuple[Any, ...], action: str) -> tuple[Any, ...]:
         argument = bytearray(layout.pack(*fields))
@@ -261,36 +250,13 @@ class VideoDevice:
         except BlockingIOError:
             raise
         except OSError as error:
-            raise self._error(action, error) from error
+            raise request_error(self.path, action, error, streaming=self._streaming) from error
         return layout.unpack(argument)
 
     def _open_descriptor(self) -> int:
         if self._descriptor is None:
             raise DeviceLostError(f"{self.path}: the camera is closed: open it again")
         return self._descriptor
-
-    def _error(self, action: str, error: OSError) -> DriverError:
-        if error.errno in _GONE or (self._streaming and error.errno == errno.EIO):
-            return DeviceLostError(
-                f"{self.path}: the camera went away while {action}: check its cable and its USB port"
-            )
-        if error.errno == errno.EBUSY:
-            return PortBusyError(f"{self.path}: busy ({action}): end the process that uses it (`fuser -v {self.path}`)")
-        reason = os.strerror(error.errno) if error.errno else str(error)
-        return DeviceFaultError(f"{self.path}: refused: {action} ({reason}): unplug the camera and plug it in")
-
-
-def _open_error(path: str, error: OSError) -> DriverError:
-    if error.errno in (errno.ENOENT, *_GONE):
-        return PortMissingError(f"{path}: no such camera: plug it in or name another node of /dev/video*")
-    if error.errno in (errno.EACCES, errno.EPERM):
-        user = os.environ.get("USER", "$USER")
-        return PortPermissionError(
-            f"{path}: no permission to open it: join the group video (`sudo usermod -aG video {user}`) and log in again"
-        )
-    if error.errno == errno.EBUSY:
-        return PortBusyError(f"{path}: another process holds this camera: end it (`fuser -v {path}` names it)")
-    return DriverError(f"{path}: cannot be opened ({error.strerror or error}): expected a node such as /dev/video0")
 
 
 def _buffer(index: int) -> tuple[int, ...]:

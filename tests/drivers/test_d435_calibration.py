@@ -45,9 +45,10 @@ class Firmware:
         self._answers = [refusal if each is None else each for each in (rectification, coefficients, unit)]
 
     def _answer(self, place: int):
-        if isinstance(self._answers[place], Exception):
-            raise self._answers[place]
-        return self._answers[place]
+        answer = self._answers[place]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def rectification(self) -> bytes:
         return self._answer(0)

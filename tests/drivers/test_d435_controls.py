@@ -1,7 +1,11 @@
 from __future__ import annotations
 
+import errno
+import os
+
 import pytest
 
+from drivers import v4l2
 from drivers.d435_controls import D435Controls, apply_controls, get_control
 from drivers.d435_emulator import D435Emulator
 from drivers.d435_hardware_monitor import Selector
@@ -55,3 +59,32 @@ def test_the_defaults_undo_what_another_program_left(camera, device):
 def test_a_value_out_of_bounds_is_refused_by_the_camera_s_own(device, controls, text):
     with pytest.raises(DeviceFaultError, match=text):
         apply_controls(device, controls)
+
+
+def test_what_is_not_given_is_left_as_it_is(camera, device):
+    apply_controls(device, D435Controls(emitter=False))
+    apply_controls(device, D435Controls(emitter=None))
+    assert values(camera)[Selector.EMITTER] == 0
+
+
+class Unbounded:
+    """The emulated camera without bounds of its controls."""
+
+    def __init__(self, camera):
+        self._camera = camera
+
+    def __getattr__(self, name):
+        return getattr(self._camera, name)
+
+    def ioctl(self, descriptor, request, argument):
+        if argument[2] in (v4l2.UVC_GET_MIN, v4l2.UVC_GET_MAX):
+            raise OSError(errno.EBADRQC, os.strerror(errno.EBADRQC))
+        self._camera.ioctl(descriptor, request, argument)
+
+
+def test_a_camera_that_tells_no_bounds_takes_what_fits(camera):
+    device = VideoDevice(camera.path, Unbounded(camera))
+    apply_controls(device, D435Controls(laser_power_mw=200))
+    assert values(camera)[Selector.LASER_POWER] == 200
+    with pytest.raises(DeviceFaultError, match="choose 0 to 65535"):
+        apply_controls(device, D435Controls(laser_power_mw=70_000))

@@ -1,7 +1,10 @@
 from __future__ import annotations
 
+import errno
+import os
 import struct
 from collections.abc import Iterator
+from typing import Any
 
 import pytest
 
@@ -28,7 +31,7 @@ def answer(echo: int, payload: bytes = b"", length: int | None = None) -> bytes:
 
 
 class Bench:
-    def __init__(self, **firmware: int) -> None:
+    def __init__(self, **firmware: Any) -> None:
         self.clock = SimulatedClock()
         self.firmware = EmulatedFirmware(**firmware)
         camera = D435Emulator([], firmware=self.firmware, clock=self.clock, sleep=self.clock.sleep)
@@ -89,6 +92,18 @@ def test_version_and_unit_are_those_of_the_camera(bench):
     assert version.serial == version.asic_serial == EMULATED_SERIAL
     assert bench.monitor.depth_unit_m() == pytest.approx(0.001)
     assert not bench.firmware.refused
+
+
+def test_a_camera_without_this_control_is_known_without_a_command():
+    class Webcam(EmulatedFirmware):
+        def read(self, selector: int, query: int, size: int) -> bytes:
+            raise OSError(errno.ENOENT, os.strerror(errno.ENOENT))
+
+        def write(self, selector: int, data: bytes) -> None:
+            raise AssertionError("nothing may be written to an unknown camera")
+
+    camera = D435Emulator([], firmware=Webcam())
+    assert not HardwareMonitor(VideoDevice(camera.path, camera)).present()
 
 
 def test_the_unit_is_read_and_not_assumed():

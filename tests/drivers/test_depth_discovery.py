@@ -28,7 +28,7 @@ class Node:
 
 
 @dataclass
-class System:
+class System(LinuxSystemCalls):
     """System calls of a machine with these nodes: they can be asked who they are, no more."""
 
     nodes: dict[str, Node]
