@@ -1,0 +1,183 @@
+"""A depth image as the scan of a planar laser: the nearest obstacle in each direction, and how far the floor is free.
+
+Obstacles are what stands in a band of heights above base_link. Directions are spread evenly over the image's columns.
+In each of them ranges are counted in bins as wide as the noise, and the nearest bins with enough pixels are the beam:
+a single pixel is never an obstacle. A direction without any measurement stays unknown.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.messages import DepthImage, LaserScan, Pinhole
+from mapping.depth_bins import count_ranges, floor_ends, nearest_ranges
+from mapping.depth_projection import CameraMount, Projection, project
+from mapping.depth_thinning import Thinning, thinned
+from mapping.mount import Mount
+
+FloatArray = NDArray[np.float64]
+
+_FINEST_BIN_M = 0.02
+_FLOOR_BIN_M = 0.25
+_FLOOR_GAP_M = 0.3  # holes of this length in the floor are the sensor's
+_FLOOR_ROWS = 1.5  # and so many rows of the image may miss where rows lie far apart
+
+
+@dataclass(frozen=True, slots=True)
+class StereoNoise:
+    """How wrong a stereo camera's depth z is: sigma = z^2 disparity_px / (f baseline_m), and a share of z on top.
+
+    The defaults are a D435's: 0.08 px of its full image on textured walls, 1 % of bias. Its neighbours err alike, so
+    that many pixels are no better than one.
+    """
+
+    disparity_px: float = 0.08
+    baseline_m: float = 0.05
+    bias: float = 0.01
+
+    def sigma_m(self, depth_m: FloatArray, focal_px: float) -> FloatArray:
+        """Return the standard deviation (N,) of depths (N,) in m."""
+        random: FloatArray = depth_m**2 * (self.disparity_px / (focal_px * self.baseline_m))
+        return np.asarray(np.hypot(random, self.bias * depth_m))
+
+
+@dataclass(frozen=True, slots=True)
+class ScanSettings:
+    """How a depth image becomes a scan.
+
+    bottom_m, top_m: obstacles are what lies between these heights in base_link. pitch_error_rad: the floor may seem to
+    rise or fall by this much, so that the band begins higher with range. pixels_per_beam: columns of the full image
+    that make one beam. support: pixels, after thinning, that an obstacle needs in a beam. What is farther than 4 m is
+    no obstacle on a map, but says that the way there is free.
+    """
+
+    bottom_m: float = 0.10
+    top_m: float = 1.2
+    pitch_error_rad: float = math.radians(1.5)
+    pixels_per_beam: int = 4
+    support: int = 6
+    thinning: Thinning = field(default_factory=lambda: Thinning(farthest_m=6.0))
+    noise: StereoNoise = field(default_factory=StereoNoise)
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.bottom_m < self.top_m:
+            raise ValueError(f"obstacles from {self.bottom_m} m to {self.top_m} m: heights are not in order above 0")
+        if self.pixels_per_beam < 1 or self.support < 1:
+            raise ValueError(f"{self.pixels_per_beam} pixels a beam and {self.support} of support: both must be > 0")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VirtualScan:
+    """Beams from a camera's place, parallel to the floor, seen at one instant.
+
+    origin (2,): the camera in base_link, m. angles_rad (N,): directions in base_link, increasing. ranges_m (N,): the
+    nearest obstacle, 0 where none was seen. sigma_m (N,): standard deviation of that range, or of free_m where there is
+    none. free_m (N,): nothing stands before this range, 0 where that is unknown. Raises ValueError for other shapes.
+    """
+
+    stamp_ns: int
+    origin: FloatArray
+    angles_rad: FloatArray
+    ranges_m: FloatArray
+    sigma_m: FloatArray
+    free_m: FloatArray
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.angles_rad)
+        for name, expected in (("origin", (2,)), *((n, shape) for n in ("ranges_m", "sigma_m", "free_m"))):
+            if np.shape(getattr(self, name)) != expected or len(shape) != 1:
+                raise ValueError(f"{name} has shape {np.shape(getattr(self, name))}, expected {expected}")
+        for name in ("origin", "angles_rad", "ranges_m", "sigma_m", "free_m"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @property
+    def mount(self) -> Mount:
+        """Where the laser would sit that gives to_laser_scan()."""
+        return Mount(np.array([self.origin[0], self.origin[1], 0.0]))
+
+    def to_laser_scan(self, range_min_m: float = 0.3, range_max_m: float = 4.0) -> LaserScan:
+        """Return the obstacles as a scan of a laser at `mount`, all samples taken at once."""
+        return LaserScan(
+            self.stamp_ns,
+            self.angles_rad,
+            self.ranges_m,
+            np.zeros_like(self.ranges_m),
+            range_min_m,
+            range_max_m,
+            frame_id="camera_scan",
+        )
+
+
+def scan_depth(
+    image: DepthImage, mount: CameraMount, settings: ScanSettings, projection: Projection = project
+) -> VirtualScan:
+    """Return the scan of a depth image as the camera gave it."""
+    points = projection(thinned(image, settings.thinning), mount)
+    return scan_points(points, image.stamp_ns, image.camera, mount, settings)
+
+
+def scan_points(
+    points: FloatArray, stamp_ns: int, camera: Pinhole, mount: CameraMount, settings: ScanSettings
+) -> VirtualScan:
+    """Return the scan of points (N, 3) in base_link, which a camera (with its full image) saw from its mount."""
+    tangents, per_tangent = _beams(camera, settings.pixels_per_beam)
+    bin_of_mm, bins = _range_bins(settings, camera.fx)
+    counts = np.zeros((len(tangents), bins), np.int32)
+    sums = np.zeros((len(tangents), bins))
+    floor = np.zeros((len(tangents), math.ceil(settings.thinning.farthest_m * 2.0 / _FLOOR_BIN_M)), np.int32)
+    count_ranges(
+        points,
+        np.array([mount.x_m, mount.y_m, math.cos(mount.yaw_rad), math.sin(mount.yaw_rad)]),
+        np.array([tangents[0] - 0.5 / per_tangent, per_tangent]),
+        np.array([settings.bottom_m, math.tan(settings.pitch_error_rad), settings.top_m]),
+        bin_of_mm,
+        _FLOOR_BIN_M,
+        counts,
+        sums,
+        floor,
+    )
+    ranges = nearest_ranges(counts, sums, settings.support)
+    row_gap = _FLOOR_ROWS * settings.thinning.decimation / (camera.fy * max(mount.z_m, 0.05))
+    floor_to = floor_ends(floor, _FLOOR_BIN_M, _FLOOR_GAP_M, row_gap)
+    free = _free_up_to(ranges, floor_to, row_gap)
+    cosines = 1.0 / np.hypot(1.0, tangents)
+    sigma = settings.noise.sigma_m(np.where(ranges > 0.0, ranges, free) * cosines, camera.fx) / cosines
+    angles = mount.yaw_rad + np.arctan(tangents)
+    return VirtualScan(stamp_ns, np.array([mount.x_m, mount.y_m]), angles, ranges, sigma, free)
+
+
+def _free_up_to(ranges_m: FloatArray, floor_to_m: FloatArray, row_gap: float) -> FloatArray:
+    """Return up to where each beam (N,) is free: the obstacle, or where the floor ends for no visible reason.
+
+    A gap between floor and obstacle is something that the camera cannot measure; the obstacle is seen above it.
+    """
+    reach = floor_to_m + _FLOOR_BIN_M + _FLOOR_GAP_M + row_gap * ranges_m**2
+    to_obstacle = (ranges_m > 0.0) & ((floor_to_m == 0.0) | (reach >= ranges_m))
+    return np.where(to_obstacle, ranges_m, floor_to_m)
+
+
+def _beams(camera: Pinhole, pixels_per_beam: int) -> tuple[FloatArray, float]:
+    """Return the tangents (N,) of the beams' angles to the camera's axis, increasing to the left, and beams a unit."""
+    count = camera.width // pixels_per_beam
+    middles = (np.arange(count)[::-1] + 0.5) * pixels_per_beam - 0.5
+    return np.asarray((camera.cx - middles) / camera.fx, np.float64), camera.fx / pixels_per_beam
+
+
+@lru_cache(maxsize=4)
+def _range_bins(settings: ScanSettings, focal_px: float) -> tuple[NDArray[np.int32], int]:
+    """Return the bin of each range in mm, and the number of bins: as wide as sigma, but not finer than 2 cm."""
+    farthest = 2.0 * settings.thinning.farthest_m  # slanted lines of sight are longer than their depth
+    edges = [0.0]
+    while edges[-1] < farthest:
+        sigma = float(settings.noise.sigma_m(np.array([edges[-1]]), focal_px)[0])
+        edges.append(edges[-1] + max(_FINEST_BIN_M, sigma))
+    middles = (np.arange(math.ceil(farthest * 1000.0)) + 0.5) * 1e-3
+    bins = np.searchsorted(np.array(edges), middles, side="right") - 1
+    return bins.astype(np.int32), len(edges)
