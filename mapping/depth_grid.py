@@ -28,34 +28,26 @@ class DepthGridBuilder:
         self._model = model
         self._low = np.zeros(2, dtype=np.int64)  # cell index of the array's lower-left cell in the unbounded grid
         self._log_odds = np.zeros((0, 0), dtype=np.float32)
+        self._unused = np.zeros(
+            (0, 0), dtype=np.float32
+        )  # as large as the map: what rays change that must change nothing
         self._visited = np.zeros((0, 0), dtype=np.int32)
         self._scans = 0
 
     def add_scan(self, pose: FloatArray, scan: VirtualScan) -> None:
         """Add the evidence of a scan taken by a car at pose (3,), the pose of base_link in the map frame."""
         points, evidence = self._model.hits(scan, self._resolution_m)
-        free = self._model.free_to(scan)
-        clears = free > 0.0
-        directions = np.stack([np.cos(scan.angles_rad), np.sin(scan.angles_rad)], axis=1)
-        ends = scan.origin + directions[clears] * free[clears, np.newaxis]
-        placed = se2.transform_points(pose, np.vstack([scan.origin, points, ends])) / self._resolution_m
+        begin, end = self._model.free(scan)
+        directions = np.stack([np.cos(scan.angles_rad), np.sin(scan.angles_rad)], axis=1)[end > 0.0]
+        ends, blind = (scan.origin + directions * reach[end > 0.0, np.newaxis] for reach in (end, begin))
+        parts = (scan.origin[np.newaxis], points, blind, ends)
+        placed = se2.transform_points(pose, np.vstack(parts)) / self._resolution_m
         self._grow_to(np.floor(placed).astype(np.int64))
         self._scans += 1
-        inside = placed - self._low
-        self._mark(inside[1 : len(points) + 1].astype(np.intp), evidence)
-        rays = inside[len(points) + 1 :]
-        no_hit = np.zeros(len(rays))
-        integrate_rays(
-            self._log_odds,
-            self._visited,
-            self._scans,
-            inside[0],
-            rays,
-            no_hit.astype(np.bool_),
-            no_hit,
-            self._model.miss_log_odds,
-            LOG_ODDS_CLAMP,
-        )
+        start, hits, blind, ends = np.split(placed - self._low, np.cumsum([len(part) for part in parts[:-1]]))
+        self._mark(hits.astype(np.intp), evidence)
+        self._pass(self._unused, start[0], blind, 0.0)  # visits the cells and leaves the map as it is
+        self._pass(self._log_odds, start[0], ends, self._model.miss_log_odds)
 
     def grid(self) -> OccupancyGrid:
         """Return the map so far, cut to its known cells; its origin lies on whole cells."""
@@ -65,6 +57,12 @@ class DepthGridBuilder:
         cut = self._log_odds[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
         corner = (self._low + np.array([cols.min(), rows.min()])) * self._resolution_m
         return OccupancyGrid(cut, self._resolution_m, np.array([corner[0], corner[1], 0.0]))
+
+    def _pass(self, values: NDArray[np.float32], start: FloatArray, ends: FloatArray, evidence: float) -> None:
+        """Add evidence in values (rows, cols) to the cells on rays to ends (N, 2) not visited by this scan yet."""
+        none = np.zeros(len(ends))
+        no_hit = none.astype(np.bool_)
+        integrate_rays(values, self._visited, self._scans, start, ends, no_hit, none, evidence, LOG_ODDS_CLAMP)
 
     def _mark(self, cells: NDArray[np.intp], evidence: FloatArray) -> None:
         """Add to each of the cells (K, 2), x and y, the greatest evidence (K,) for it, and visit it in this scan."""
@@ -90,6 +88,7 @@ class DepthGridBuilder:
         before, after = (low - new_low).tolist(), (new_high - high).tolist()
         padding = ((before[1], after[1]), (before[0], after[0]))
         self._log_odds, self._visited = np.pad(self._log_odds, padding), np.pad(self._visited, padding)
+        self._unused = np.zeros_like(self._log_odds)
         self._low = new_low
 
 

@@ -38,9 +38,11 @@ class DepthModel:
         """The evidence of one traversal: negative."""
         return log_odds(self.miss_probability)
 
-    def free_to(self, scan: VirtualScan) -> FloatArray:
-        """Return the range in m (N,) up to which each beam clears; 0 where it clears nothing."""
-        return np.clip(scan.free_m - _FREE_SIGMAS * scan.sigma_m, 0.0, self.clear_range_m)
+    def free(self, scan: VirtualScan) -> tuple[FloatArray, FloatArray]:
+        """Return the ranges in m (N,) from which and up to which each beam clears; 0 and 0 where it clears nothing."""
+        end = np.minimum(scan.free_to_m - _FREE_SIGMAS * scan.sigma_m, self.clear_range_m)
+        clears = end > scan.free_from_m
+        return np.where(clears, scan.free_from_m, 0.0), np.where(clears, end, 0.0)
 
     def hits(self, scan: VirtualScan, resolution_m: float) -> tuple[FloatArray, FloatArray]:
         """Return points (K, 2) of obstacles in base_link and the log-odds (K,) that each brings to its cell.

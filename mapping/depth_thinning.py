@@ -69,7 +69,7 @@ def decimated(depth: Depth, factor: int) -> Depth:
     Of an even number the nearer of the two in the middle: always a measured depth, never a mean across an edge.
     """
     if factor == 1:
-        return depth.copy()
+        return np.array(depth)
     rows, cols = depth.shape[0] // factor, depth.shape[1] // factor
     cut = depth[: rows * factor, : cols * factor]
     if factor == 2:

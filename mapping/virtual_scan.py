@@ -8,7 +8,7 @@ a single pixel is never an obstacle. A direction without any measurement stays u
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.messages import DepthImage, LaserScan, Pinhole
 from mapping.depth_bins import count_ranges, floor_ends, nearest_ranges
-from mapping.depth_projection import CameraMount, Projection, project
+from mapping.depth_projection import CameraMount, Projection, pixel_rays, project
 from mapping.depth_thinning import Thinning, thinned
 from mapping.mount import Mount
 
@@ -76,8 +76,9 @@ class VirtualScan:
     """Beams from a camera's place, parallel to the floor, seen at one instant.
 
     origin (2,): the camera in base_link, m. angles_rad (N,): directions in base_link, increasing. ranges_m (N,): the
-    nearest obstacle, 0 where none was seen. sigma_m (N,): standard deviation of that range, or of free_m where there is
-    none. free_m (N,): nothing stands before this range, 0 where that is unknown. Raises ValueError for other shapes.
+    nearest obstacle, 0 where none was seen. sigma_m (N,): standard deviation of that range, or of free_to_m where there
+    is none. free_from_m, free_to_m (N,): nothing stands between these ranges; nearer than the first the image shows
+    nothing of what is low, and the second is 0 where nothing is known. Raises ValueError for other shapes.
     """
 
     stamp_ns: int
@@ -85,15 +86,16 @@ class VirtualScan:
     angles_rad: FloatArray
     ranges_m: FloatArray
     sigma_m: FloatArray
-    free_m: FloatArray
+    free_from_m: FloatArray
+    free_to_m: FloatArray
 
     def __post_init__(self) -> None:
         shape = np.shape(self.angles_rad)
-        for name, expected in (("origin", (2,)), *((n, shape) for n in ("ranges_m", "sigma_m", "free_m"))):
-            if np.shape(getattr(self, name)) != expected or len(shape) != 1:
-                raise ValueError(f"{name} has shape {np.shape(getattr(self, name))}, expected {expected}")
-        for name in ("origin", "angles_rad", "ranges_m", "sigma_m", "free_m"):
+        for name in ("origin", "angles_rad", "ranges_m", "sigma_m", "free_from_m", "free_to_m"):
             array = np.array(getattr(self, name), dtype=np.float64)
+            expected = (2,) if name == "origin" else shape
+            if array.shape != expected or len(shape) != 1:
+                raise ValueError(f"{name} has shape {array.shape}, expected {expected}")
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
@@ -150,7 +152,8 @@ def scan_points(
     cosines = 1.0 / np.hypot(1.0, tangents)
     sigma = settings.noise.sigma_m(np.where(ranges > 0.0, ranges, free) * cosines, camera.fx) / cosines
     angles = mount.yaw_rad + np.arctan(tangents)
-    return VirtualScan(stamp_ns, np.array([mount.x_m, mount.y_m]), angles, ranges, sigma, free)
+    begin = np.maximum(_low_things_from(camera, mount, tangents, settings.bottom_m), settings.thinning.nearest_m)
+    return VirtualScan(stamp_ns, np.array([mount.x_m, mount.y_m]), angles, ranges, sigma, begin, free)
 
 
 def _free_up_to(ranges_m: FloatArray, floor_to_m: FloatArray, row_gap: float) -> FloatArray:
@@ -161,6 +164,19 @@ def _free_up_to(ranges_m: FloatArray, floor_to_m: FloatArray, row_gap: float) ->
     reach = floor_to_m + _FLOOR_BIN_M + _FLOOR_GAP_M + row_gap * ranges_m**2
     to_obstacle = (ranges_m > 0.0) & ((floor_to_m == 0.0) | (reach >= ranges_m))
     return np.where(to_obstacle, ranges_m, floor_to_m)
+
+
+def _low_things_from(camera: Pinhole, mount: CameraMount, tangents: FloatArray, bottom_m: float) -> FloatArray:
+    """Return the range (N,) from which on the image shows heights down to bottom_m in each beam; inf: nowhere."""
+    last_row = Pinhole(camera.width, 1, camera.fx, camera.fy, camera.cx, camera.cy - (camera.height - 1))
+    rays = pixel_rays(last_row, replace(mount, yaw_rad=0.0))[0]
+    ahead = rays[::-1][rays[::-1, 0] > 0.0]  # from right to left, as the beams
+    if len(ahead) == 0:
+        return np.zeros_like(tangents)  # the image ends below the car
+    fall = -ahead[:, 2] / np.hypot(ahead[:, 0], ahead[:, 1])
+    falls = np.interp(tangents, ahead[:, 1] / ahead[:, 0], fall)
+    down_m = max(mount.z_m - bottom_m, 0.0)
+    return np.where(falls > 0.0, down_m / np.maximum(falls, 1e-9), 0.0 if down_m == 0.0 else np.inf)
 
 
 def _beams(camera: Pinhole, pixels_per_beam: int) -> tuple[FloatArray, float]:

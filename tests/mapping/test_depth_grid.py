@@ -16,11 +16,13 @@ CELL_M = 0.05
 MODEL = DepthModel()
 
 
-def wall(x_m, sigma=0.01, beams=201, half_rad=0.7, free_only=False):
+def wall(x_m, sigma=0.01, beams=201, half_rad=0.7, free_only=False, near=0.3):
     """A scan of a wall across x = x_m, seen from the origin."""
     angles = np.linspace(-half_rad, half_rad, beams)
     ranges = x_m / np.cos(angles)
-    return VirtualScan(0, np.zeros(2), angles, ranges * (not free_only), np.full(beams, sigma), ranges)
+    return VirtualScan(
+        0, np.zeros(2), angles, ranges * (not free_only), np.full(beams, sigma), np.full(beams, near), ranges
+    )
 
 
 def grid_of(*scans, pose=(0.0, 0.0, 0.0), times=1):
@@ -54,7 +56,7 @@ def test_wall_seen_often_is_one_line_however_noisy():
     for _ in range(40):
         scan = wall(2.025, sigma=0.03)
         noisy = scan.ranges_m * (1.0 + 0.01 * random.normal())
-        scans.append(VirtualScan(0, scan.origin, scan.angles_rad, noisy, scan.sigma_m, noisy))
+        scans.append(VirtualScan(0, scan.origin, scan.angles_rad, noisy, scan.sigma_m, scan.free_from_m, noisy))
     grid = grid_of(*scans)
     x, _ = grid.cell_centers(*np.nonzero(grid.occupied)).T
     assert np.abs(x - 2.025).max() <= 0.1 + 1e-9
@@ -67,11 +69,18 @@ def test_pixels_and_beams_of_one_frame_count_once_a_cell():
 
 
 def test_what_is_not_known_to_be_free_is_not_cleared():
-    nothing = VirtualScan(0, np.zeros(2), np.linspace(-0.7, 0.7, 50), np.zeros(50), np.zeros(50), np.zeros(50))
+    nothing = VirtualScan(0, np.zeros(2), np.linspace(-0.7, 0.7, 50), *np.zeros((4, 50)))
     assert not grid_of(nothing).known.any()
     floor_only = grid_of(wall(2.0, free_only=True))
     assert not floor_only.occupied.any()
     assert value_at(floor_only, 1.5, 0.0) < 0.0 == value_at(floor_only, 2.1, 0.0)
+
+
+def test_what_is_too_near_to_be_seen_is_not_cleared():
+    grid = grid_of(wall(2.025, near=1.0))
+    assert value_at(grid, 0.9, 0.0) == value_at(grid, 0.3, 0.1) == 0.0
+    assert value_at(grid, 1.1, 0.0) < 0.0
+    assert np.hypot(*grid.cell_centers(*np.nonzero(grid.known)).T).min() > 1.0 - CELL_M * np.sqrt(2.0)
 
 
 def test_evidence_adds_up_to_the_clamp_and_a_removed_wall_goes():
@@ -87,7 +96,9 @@ def test_evidence_adds_up_to_the_clamp_and_a_removed_wall_goes():
 def test_pose_and_camera_place_are_honoured_and_the_grid_grows_every_way():
     builder = DepthGridBuilder(CELL_M, MODEL)
     scan = wall(2.025)
-    scan = VirtualScan(0, np.array([0.1, 0.2]), scan.angles_rad, scan.ranges_m, scan.sigma_m, scan.free_m)
+    scan = VirtualScan(
+        0, np.array([0.1, 0.2]), scan.angles_rad, scan.ranges_m, scan.sigma_m, scan.free_from_m, scan.free_to_m
+    )
     for pose in ([0.0, 0.0, 0.0], [30.0, -20.0, np.pi / 2], [-9.0, 14.0, np.pi]):
         builder.add_scan(np.array(pose), scan)
     grid = builder.grid()

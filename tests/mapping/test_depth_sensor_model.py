@@ -12,16 +12,18 @@ from mapping.virtual_scan import VirtualScan
 CELL_M = 0.05
 
 
-def beams(ranges_m, sigma_m, free_m=None, origin=(0.0, 0.0)):
+def beams(ranges_m, sigma_m, free_to_m=None, origin=(0.0, 0.0)):
     ranges = np.atleast_1d(np.array(ranges_m, float))
-    free = ranges if free_m is None else np.atleast_1d(np.array(free_m, float))
+    free = ranges if free_to_m is None else np.atleast_1d(np.array(free_to_m, float))
     angles = np.linspace(-0.3, 0.3, len(ranges)) if len(ranges) > 1 else np.zeros(1)
-    return VirtualScan(0, np.array(origin), angles, ranges, np.broadcast_to(sigma_m, ranges.shape), free)
+    sigma = np.broadcast_to(sigma_m, ranges.shape)
+    return VirtualScan(0, np.array(origin), angles, ranges, sigma, np.full(len(ranges), 0.3), free)
 
 
 def test_free_up_to_two_sigma_before_the_obstacle_and_no_farther_than_the_limit():
-    free = DepthModel().free_to(beams([2.0, 3.5, 5.0, 0.0, 0.0, 0.05], 0.04, [2.0, 3.5, 5.0, 2.4, 0.0, 0.05]))
-    np.testing.assert_allclose(free, [1.92, 3.42, 4.0, 2.32, 0.0, 0.0])
+    begin, end = DepthModel().free(beams([2.0, 3.5, 5.0, 0.0, 0.0, 0.35], 0.04, [2.0, 3.5, 5.0, 2.4, 0.0, 0.35]))
+    np.testing.assert_allclose(end, [1.92, 3.42, 4.0, 2.32, 0.0, 0.0])
+    np.testing.assert_allclose(begin, [0.3, 0.3, 0.3, 0.3, 0.0, 0.0])
 
 
 @pytest.mark.parametrize("sigma", [0.01, 0.03, 0.1])

@@ -42,7 +42,7 @@ def test_wall_across_is_met_by_each_beam_at_its_angle():
     assert len(scan.angles_rad) == 53
     assert (np.diff(scan.angles_rad) > 0.0).all()
     np.testing.assert_allclose(scan.ranges_m * np.cos(scan.angles_rad), 2.0, atol=0.02)
-    np.testing.assert_array_equal(scan.free_m, scan.ranges_m)
+    np.testing.assert_array_equal(scan.free_to_m, scan.ranges_m)
     assert scan.angles_rad[[0, -1]] == pytest.approx(np.arctan([-104 / 106.0, 104 / 106.0]))
 
 
@@ -91,10 +91,10 @@ def test_table_top_is_an_obstacle_and_what_hangs_high_is_none():
 def test_floor_without_obstacle_is_free_as_far_as_it_is_seen():
     scan = scan_depth(seen(40.0), MOUNT, SETTINGS)  # the wall is out of reach
     assert not scan.ranges_m.any()
-    assert (scan.free_m > 3.0).all()
+    assert (scan.free_to_m > 3.0).all()
     near = blanked(seen(40.0), pixel_rays(CAMERA, MOUNT)[..., 2] > -0.2 / 1.5)  # floor up to 1.5 m ahead only
     scan = scan_depth(near, MOUNT, SETTINGS)
-    ahead = scan.free_m * np.cos(scan.angles_rad)
+    ahead = scan.free_to_m * np.cos(scan.angles_rad)
     assert (ahead > 1.1).all()
     assert (ahead < 1.6).all()
 
@@ -102,8 +102,8 @@ def test_floor_without_obstacle_is_free_as_far_as_it_is_seen():
 def test_direction_without_any_pixel_is_unknown():
     scan = scan_depth(blanked(seen(2.0), np.s_[:, :40]), MOUNT, SETTINGS)
     np.testing.assert_array_equal(scan.ranges_m[-10:], 0.0)  # the left of the image is the left of the car
-    np.testing.assert_array_equal(scan.free_m[-10:], 0.0)
-    assert (scan.free_m[:-10] > 0.0).all()
+    np.testing.assert_array_equal(scan.free_to_m[-10:], 0.0)
+    assert (scan.free_to_m[:-10] > 0.0).all()
 
 
 def test_nothing_is_free_behind_something_that_cannot_be_measured():
@@ -115,13 +115,28 @@ def test_nothing_is_free_behind_something_that_cannot_be_measured():
     y_at_box = MOUNT.y_m + np.tan(scan.angles_rad)
     behind = (y_at_box > -0.25) & (y_at_box < 0.35)
     np.testing.assert_allclose(scan.ranges_m[behind] * np.cos(scan.angles_rad[behind]), 3.0, atol=0.03)
-    assert (scan.free_m[behind] < 1.2).all()
-    assert (scan.free_m[~behind][:10] > 2.0).all()
+    assert (scan.free_to_m[behind] < 1.2).all()
+    assert (scan.free_to_m[~behind][:10] > 2.0).all()
+
+
+@pytest.mark.parametrize(("height_m", "pitch_deg"), [(0.2, 0.0), (1.3, 30.0), (1.3, 60.0), (0.3, -10.0)])
+def test_nothing_is_known_nearer_than_the_image_reaches_down(height_m, pitch_deg):
+    mount = CameraMount(z_m=height_m, pitch_rad=np.radians(pitch_deg))
+    scan = scan_depth(seen(5.0, mount=mount), mount, SETTINGS)
+    ray = pixel_rays(CAMERA, mount)[-1, 105]  # the middle of the last row
+    assert scan.free_from_m[26] == pytest.approx(max(0.3, (height_m - 0.1) * ray[0] / -ray[2]), rel=0.01)
+
+
+def test_camera_that_looks_up_clears_nothing():
+    mount = CameraMount(z_m=0.3, pitch_rad=np.radians(-40.0))
+    scan = scan_depth(seen(1.0, mount=mount), mount, SETTINGS)
+    assert np.isinf(scan.free_from_m).all()
+    assert (scan.ranges_m > 0.0).any()
 
 
 def test_wall_without_visible_floor_is_free_up_to_the_wall():
     scan = scan_depth(seen(2.0, floor=False), MOUNT, SETTINGS)
-    np.testing.assert_array_equal(scan.free_m, scan.ranges_m)
+    np.testing.assert_array_equal(scan.free_to_m, scan.ranges_m)
 
 
 def test_scattered_wrong_pixels_are_no_obstacles():
@@ -157,8 +172,8 @@ def test_impossible_settings_and_scans_are_refused():
         ScanSettings(bottom_m=1.3)
     with pytest.raises(ValueError, match="support"):
         ScanSettings(support=0)
-    with pytest.raises(ValueError, match="free_m"):
-        VirtualScan(0, np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
+    with pytest.raises(ValueError, match="free_to_m"):
+        VirtualScan(0, np.zeros(2), *np.zeros((4, 3)), np.zeros(2))
     scan = scan_depth(seen(2.0), MOUNT, SETTINGS)
     with pytest.raises(ValueError, match="read-only"):
         scan.ranges_m[0] = 1.0
