@@ -28,9 +28,7 @@ class DepthGridBuilder:
         self._model = model
         self._low = np.zeros(2, dtype=np.int64)  # cell index of the array's lower-left cell in the unbounded grid
         self._log_odds = np.zeros((0, 0), dtype=np.float32)
-        self._unused = np.zeros(
-            (0, 0), dtype=np.float32
-        )  # as large as the map: what rays change that must change nothing
+        self._unused = np.zeros_like(self._log_odds)  # changed by rays that must leave the map as it is
         self._visited = np.zeros((0, 0), dtype=np.int32)
         self._scans = 0
 
@@ -46,7 +44,7 @@ class DepthGridBuilder:
         self._scans += 1
         start, hits, blind, ends = np.split(placed - self._low, np.cumsum([len(part) for part in parts[:-1]]))
         self._mark(hits.astype(np.intp), evidence)
-        self._pass(self._unused, start[0], blind, 0.0)  # visits the cells and leaves the map as it is
+        self._pass(self._unused, start[0], blind, 0.0)  # visits the cells only
         self._pass(self._log_odds, start[0], ends, self._model.miss_log_odds)
 
     def grid(self) -> OccupancyGrid:

@@ -58,6 +58,7 @@ class SimulatedDepthCamera:
     """Frames that a depth camera on a moving car takes in a world.
 
     truth: the car's drive. mount: where the camera is believed to sit; it looks down by pitch_error_rad more than that.
+    sway_rad: standard deviation of the roll and pitch that each frame has besides, since no car stands level always.
     Each frame's noise depends on the seed and the frame's number only.
     """
 
@@ -70,6 +71,7 @@ class SimulatedDepthCamera:
         camera: Pinhole = D435,
         noise: DepthNoise | None = None,
         pitch_error_rad: float = 0.0,
+        sway_rad: float = 0.0,
         seed: int = 0,
     ) -> None:
         self._world = world
@@ -77,13 +79,16 @@ class SimulatedDepthCamera:
         self._mount = replace(mount, pitch_rad=mount.pitch_rad + pitch_error_rad)
         self._camera = camera
         self._noise = noise or DepthNoise()
+        self._sway_rad = sway_rad
         self._seed = seed
 
     def frame(self, stamp_ns: int, sequence: int) -> DepthImage:
         """Return the frame number `sequence`, taken at an instant on the drive's clock."""
         pose = self._truth.at(np.array([stamp_ns], dtype=np.int64))[0]
-        true_m = render_depth(self._world, pose, self._camera, self._mount)
         random = np.random.default_rng([self._seed, sequence])
+        roll, pitch = (random.standard_normal(2) * self._sway_rad).tolist()
+        mount = replace(self._mount, roll_rad=self._mount.roll_rad + roll, pitch_rad=self._mount.pitch_rad + pitch)
+        true_m = render_depth(self._world, pose, self._camera, mount)
         depth = noisy_depth(true_m, self._camera.fx, self._noise, random, UNIT_M)
         return DepthImage(stamp_ns, depth, UNIT_M, self._camera, sequence=sequence)
 

@@ -173,7 +173,7 @@ def test_impossible_settings_and_scans_are_refused():
     with pytest.raises(ValueError, match="support"):
         ScanSettings(support=0)
     with pytest.raises(ValueError, match="free_to_m"):
-        VirtualScan(0, np.zeros(2), *np.zeros((4, 3)), np.zeros(2))
+        VirtualScan(0, np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(2))
     scan = scan_depth(seen(2.0), MOUNT, SETTINGS)
     with pytest.raises(ValueError, match="read-only"):
         scan.ranges_m[0] = 1.0

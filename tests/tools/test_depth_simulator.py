@@ -99,9 +99,20 @@ def test_pitch_error_tilts_the_camera_down():
     np.testing.assert_allclose(camera.frame(0, 0).depth[30, 20:] * 0.001, tilted[30, 20:], atol=0.06)
 
 
+def test_sway_tilts_each_frame_differently():
+    camera = SimulatedDepthCamera(
+        room(), STILL, CameraMount(z_m=0.2), camera=CAMERA, noise=NO_NOISE, sway_rad=np.radians(1.0)
+    )
+    floor = np.array([camera.frame(0, number).depth[-1, 60] * 0.001 for number in range(12)])
+    level = 0.2 / (29.5 / 53.0)
+    assert len(np.unique(floor)) > 6
+    assert 0.4 < np.degrees(np.arctan(0.2 / floor)).std() < 1.8
+    np.testing.assert_allclose(floor, level, rtol=0.15)
+
+
 @pytest.mark.parametrize("worst", [False, True])
 def test_map_of_a_drive_shows_the_walls_where_they_are_and_the_way_free(worst):
-    """Of the office, with 2 % of range bias and 1 deg of pitch error where `worst`."""
+    """Of the office, with 2 % of range bias and 1 deg of pitch error and some sway where `worst`."""
     walls, drive, mount = office(), drive_along(OFFICE_TOUR), CameraMount(z_m=0.2)
     camera = SimulatedDepthCamera(
         solid(walls),
@@ -109,6 +120,7 @@ def test_map_of_a_drive_shows_the_walls_where_they_are_and_the_way_free(worst):
         mount,
         noise=DepthNoise(range_bias=0.02 * worst),
         pitch_error_rad=np.radians(1.0) * worst,
+        sway_rad=np.radians(0.3) * worst,
     )
     builder, settings = DepthGridBuilder(0.05, DepthModel()), ScanSettings()
     for number, stamp in enumerate(range(0, 24_000_000_000, 500_000_000)):
