@@ -77,8 +77,8 @@ class VirtualScan:
 
     origin (2,): the camera in base_link, m. angles_rad (N,): directions in base_link, increasing. ranges_m (N,): the
     nearest obstacle, 0 where none was seen. sigma_m (N,): standard deviation of that range, or of free_to_m where there
-    is none. free_from_m, free_to_m (N,): nothing stands between these ranges; nearer than the first the image shows
-    nothing of what is low, and the second is 0 where nothing is known. Raises ValueError for other shapes.
+    is none. free_from_m, free_to_m (N,): nothing stands between these ranges; nearer than the first the camera does not
+    see what is low, and the second is 0 where nothing is known. Raises ValueError for other shapes.
     """
 
     stamp_ns: int
@@ -152,7 +152,12 @@ def scan_points(
     cosines = 1.0 / np.hypot(1.0, tangents)
     sigma = settings.noise.sigma_m(np.where(ranges > 0.0, ranges, free) * cosines, camera.fx) / cosines
     angles = mount.yaw_rad + np.arctan(tangents)
+    left_column = np.maximum(camera.cx - camera.fx * tangents - 0.5 * (settings.pixels_per_beam - 1), 0.1)
+    matched = (
+        camera.fx * settings.noise.baseline_m / left_column / cosines
+    )  # what is nearer the other imager cannot see
     begin = np.maximum(_low_things_from(camera, mount, tangents, settings.bottom_m), settings.thinning.nearest_m)
+    begin = np.maximum(begin, matched)
     return VirtualScan(stamp_ns, np.array([mount.x_m, mount.y_m]), angles, ranges, sigma, begin, free)
 
 

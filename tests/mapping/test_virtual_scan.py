@@ -127,6 +127,16 @@ def test_nothing_is_known_nearer_than_the_image_reaches_down(height_m, pitch_deg
     assert scan.free_from_m[26] == pytest.approx(max(0.3, (height_m - 0.1) * ray[0] / -ray[2]), rel=0.01)
 
 
+def test_left_margin_knows_nothing_of_what_only_the_left_imager_sees():
+    """A point at depth z and column u lies at u - fB / z in the right image: outside where z < fB / u."""
+    scan = scan_depth(seen(3.0), MOUNT, SETTINGS)
+    depth = scan.free_from_m * np.cos(scan.angles_rad)
+    columns = (CAMERA.cx - CAMERA.fx * np.tan(scan.angles_rad) - 1.5).round()  # the beams' first columns
+    np.testing.assert_allclose(depth[-4:-1], CAMERA.fx * 0.05 / columns[-4:-1], rtol=1e-6)
+    assert depth[-1] > 4.0
+    assert (scan.free_from_m[:30] < 0.4).all()
+
+
 def test_camera_that_looks_up_clears_nothing():
     mount = CameraMount(z_m=0.3, pitch_rad=np.radians(-40.0))
     scan = scan_depth(seen(1.0, mount=mount), mount, SETTINGS)
