@@ -129,8 +129,33 @@ def scan_points(
     points: FloatArray, stamp_ns: int, camera: Pinhole, mount: CameraMount, settings: ScanSettings
 ) -> VirtualScan:
     """Return the scan of points (N, 3) in base_link, which a camera (with its full image) saw from its mount."""
-    tangents, per_tangent = _beams(camera, settings.pixels_per_beam)
+    tangents = _beam_tangents(camera, settings.pixels_per_beam)
+    ranges, floor = _count(points, tangents, camera, mount, settings)
+    row_gap = _FLOOR_ROWS * settings.thinning.decimation / (camera.fy * max(mount.z_m, 0.05))
+    ends = floor_ends(floor, _FLOOR_BIN_M, _FLOOR_GAP_M, row_gap)
+    free_to = _free_up_to(ranges, ends, row_gap)
+    per_depth = np.hypot(1.0, tangents)  # range for a depth of 1
+    known = np.where(ranges > 0.0, ranges, free_to)
+    return VirtualScan(
+        stamp_ns,
+        origin=np.array([mount.x_m, mount.y_m]),
+        angles_rad=mount.yaw_rad + np.arctan(tangents),
+        ranges_m=ranges,
+        sigma_m=settings.noise.sigma_m(known / per_depth, camera.fx) * per_depth,
+        free_from_m=np.maximum(
+            _low_things_from(camera, mount, tangents, settings.bottom_m),
+            np.maximum(settings.thinning.nearest_m, _matched_from(camera, tangents, settings) * per_depth),
+        ),
+        free_to_m=free_to,
+    )
+
+
+def _count(
+    points: FloatArray, tangents: FloatArray, camera: Pinhole, mount: CameraMount, settings: ScanSettings
+) -> tuple[FloatArray, NDArray[np.int32]]:
+    """Return the range (N,) of the nearest obstacle in each beam, 0 where none, and the floor's counts (N, bins)."""
     bin_of_mm, bins = _range_bins(settings, camera.fx)
+    per_tangent = camera.fx / settings.pixels_per_beam
     counts = np.zeros((len(tangents), bins), np.int32)
     sums = np.zeros((len(tangents), bins))
     floor = np.zeros((len(tangents), math.ceil(settings.thinning.farthest_m * 2.0 / _FLOOR_BIN_M)), np.int32)
@@ -145,20 +170,13 @@ def scan_points(
         sums,
         floor,
     )
-    ranges = nearest_ranges(counts, sums, settings.support)
-    row_gap = _FLOOR_ROWS * settings.thinning.decimation / (camera.fy * max(mount.z_m, 0.05))
-    floor_to = floor_ends(floor, _FLOOR_BIN_M, _FLOOR_GAP_M, row_gap)
-    free = _free_up_to(ranges, floor_to, row_gap)
-    cosines = 1.0 / np.hypot(1.0, tangents)
-    sigma = settings.noise.sigma_m(np.where(ranges > 0.0, ranges, free) * cosines, camera.fx) / cosines
-    angles = mount.yaw_rad + np.arctan(tangents)
-    left_column = np.maximum(camera.cx - camera.fx * tangents - 0.5 * (settings.pixels_per_beam - 1), 0.1)
-    matched = (
-        camera.fx * settings.noise.baseline_m / left_column / cosines
-    )  # what is nearer the other imager cannot see
-    begin = np.maximum(_low_things_from(camera, mount, tangents, settings.bottom_m), settings.thinning.nearest_m)
-    begin = np.maximum(begin, matched)
-    return VirtualScan(stamp_ns, np.array([mount.x_m, mount.y_m]), angles, ranges, sigma, begin, free)
+    return nearest_ranges(counts, sums, settings.support), floor
+
+
+def _matched_from(camera: Pinhole, tangents: FloatArray, settings: ScanSettings) -> FloatArray:
+    """Return the depth (N,) from which on both imagers see all of a beam: nearer, the right one's image has ended."""
+    first_column = camera.cx - camera.fx * tangents - 0.5 * (settings.pixels_per_beam - 1)
+    return np.asarray(camera.fx * settings.noise.baseline_m / np.maximum(first_column, 0.1))
 
 
 def _free_up_to(ranges_m: FloatArray, floor_to_m: FloatArray, row_gap: float) -> FloatArray:
@@ -184,11 +202,11 @@ def _low_things_from(camera: Pinhole, mount: CameraMount, tangents: FloatArray, 
     return np.where(falls > 0.0, down_m / np.maximum(falls, 1e-9), 0.0 if down_m == 0.0 else np.inf)
 
 
-def _beams(camera: Pinhole, pixels_per_beam: int) -> tuple[FloatArray, float]:
-    """Return the tangents (N,) of the beams' angles to the camera's axis, increasing to the left, and beams a unit."""
+def _beam_tangents(camera: Pinhole, pixels_per_beam: int) -> FloatArray:
+    """Return the tangents (N,) of the beams' angles to the camera's axis, increasing to the left."""
     count = camera.width // pixels_per_beam
     middles = (np.arange(count)[::-1] + 0.5) * pixels_per_beam - 0.5
-    return np.asarray((camera.cx - middles) / camera.fx, np.float64), camera.fx / pixels_per_beam
+    return np.asarray((camera.cx - middles) / camera.fx, np.float64)
 
 
 @lru_cache(maxsize=4)
