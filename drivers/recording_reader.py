@@ -16,8 +16,10 @@ from typing import Protocol
 from typing_extensions import Self
 
 from drivers.carmen_log import CarmenLog, is_carmen_log
+from drivers.depth_codec import DepthPairing
+from drivers.depth_topics import find_depth
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, Message
+from drivers.messages import GridSnapshot, Message, Recordable
 from drivers.recording_files import open_storages
 from drivers.recording_storage import Storage, TopicInfo
 from drivers.ros_codec import (
@@ -39,7 +41,8 @@ class Recording(Protocol):
     topics: all of them. metadata: the writer's records {name: {key: value}}. start_ns, end_ns: first and last log time.
     skipped: messages of types that nothing here decodes, counted by type. scan_topic: the LaserScan topic that is
     yielded (the one with the most messages), None where raw lidar bytes replace it or there is none. odometry_topic:
-    likewise, /odom first. Damage may show only while reading: see `truncated` and `problems` after the last message.
+    likewise, /odom first. depth_topic: the topic whose depth images are yielded, None where there are none. Damage may
+    show only while reading: see `truncated` and `problems` after the last message.
     """
 
     path: Path
@@ -51,6 +54,7 @@ class Recording(Protocol):
     has_raw: bool
     scan_topic: str | None
     odometry_topic: str | None
+    depth_topic: str | None
 
     @property
     def truncated(self) -> bool:
@@ -91,7 +95,10 @@ class BagRecording:
         self._storages = storages
         self._missing = tuple(problems)
         self._undecodable: Counter[str] = Counter()
-        self.topics = _merged_topics(storages)
+        self._reasons: dict[str, str] = {}
+        self._depth = find_depth(storages)
+        self.depth_topic = self._depth.image
+        self.topics = _merged_topics(storages, self._depth.readable | self._depth.companions)
         self.metadata = {name: dict(values) for storage in storages for name, values in storage.metadata.items()}
         self.start_ns = min((storage.start_ns for storage in storages if storage.end_ns), default=0)
         self.end_ns = max(storage.end_ns for storage in storages)
@@ -114,7 +121,8 @@ class BagRecording:
         if scan_topic is not None and scan_topic not in scans:
             known = ", ".join(scans) or "none"
             raise RecordingError(f"{self.path}: no LaserScan topic {scan_topic!r}; LaserScan topics in it: {known}")
-        chosen = {scan_topic or self.scan_topic, self.odometry_topic} - {None}
+        chosen = {scan_topic or self.scan_topic, self.odometry_topic, self.depth_topic} - {None}
+        chosen |= self._depth.companions
         chosen |= {topic.name for topic in self.topics if topic.type == TRANSFORM_TYPE}
         if scan_topic is None:
             chosen |= self._raw_topics
@@ -129,7 +137,10 @@ class BagRecording:
     def problems(self) -> list[str]:
         """What is wrong with the recording, as far as it was read, one line each."""
         damage = [f"{storage.path.name}: {text}" for storage in self._storages for text in storage.problems]
-        undecodable = [f"{topic}: {count} messages do not decode" for topic, count in self._undecodable.items()]
+        undecodable = [
+            f"{topic}: {count} messages do not decode{self._reasons.get(topic, '')}"
+            for topic, count in self._undecodable.items()
+        ]
         return [*self._missing, *damage, *undecodable]
 
     def close(self) -> None:
@@ -150,14 +161,21 @@ class BagRecording:
 
     def _decoded(self, topics: Collection[str]) -> Iterator[Message]:
         self._undecodable.clear()
+        depth = DepthPairing(self._depth.image, self._depth.first)
+        of_depth = {self._depth.image, *self._depth.companions}
         files = [storage.messages(topics) for storage in self._storages]
         for stored in heapq.merge(*files, key=lambda message: message.log_time_ns):
-            if not is_decodable(stored.type_name, stored.topic):
-                continue  # a second type on a topic that we read
             try:
-                decoded = decode(stored.type_name, stored.data, stored.topic, stored.log_time_ns)
-            except RecordingError:
+                if stored.topic in of_depth:
+                    decoded: Sequence[Recordable] = depth.feed(stored)
+                elif is_decodable(stored.type_name, stored.topic):
+                    decoded = decode(stored.type_name, stored.data, stored.topic, stored.log_time_ns)
+                else:
+                    continue  # a second type on a topic that we read
+            except RecordingError as error:
                 self._undecodable[stored.topic] += 1
+                if stored.topic in of_depth:
+                    self._reasons.setdefault(stored.topic, f" ({error})")
                 continue
             for message in decoded:
                 if not isinstance(message, GridSnapshot):
@@ -182,13 +200,15 @@ def open_recording(path: Path) -> Recording:
     return recording
 
 
-def _merged_topics(storages: Sequence[Storage]) -> list[TopicInfo]:
+def _merged_topics(storages: Sequence[Storage], of_depth: Collection[str]) -> list[TopicInfo]:
     counts: Counter[tuple[str, str]] = Counter()
     for storage in storages:
         for topic in storage.topics:
             counts[topic.name, topic.type_name] += topic.count
     return [
-        TopicInfo(name, type_name, count, is_decodable(type_name, name) and type_name != GRID_TYPE)
+        TopicInfo(
+            name, type_name, count, name in of_depth or (is_decodable(type_name, name) and type_name != GRID_TYPE)
+        )
         for (name, type_name), count in counts.items()
     ]
 

@@ -17,11 +17,13 @@ from typing import BinaryIO
 
 from typing_extensions import Self
 
+from drivers.depth_codec import depth_parts
 from drivers.errors import RecordingError
-from drivers.messages import LaserScan, RawChunk, Recordable
+from drivers.messages import DepthImage, LaserScan, RawChunk, Recordable
 from drivers.recording_mcap import McapMessage, McapSink
 from drivers.recording_scan import bin_count
-from drivers.ros_codec import default_topic, encode, is_latched, ros_type, schema_text, type_hash
+from drivers.ros_codec import default_topic, encode, is_latched, ros_type
+from drivers.ros_store import schema_text, type_hash
 
 # rosbag2's YAML of a QoS profile; history 1 = keep last, reliability 1 = reliable, liveliness 1 = automatic.
 _QOS = """- history: 1
@@ -181,15 +183,22 @@ class _Channels:
         self._newest_ns = 0
 
     def write(self, topic: str, message: Recordable) -> None:
+        """Append a message; what it cannot be written with is a SerdeError, a full disk an OSError."""
+        time_ns = self._log_time_ns(message)
+        if isinstance(message, DepthImage):
+            for part in depth_parts(message, topic):
+                channel = self._channel(part.topic, part.type_name, latched=False)
+                self._add(channel, time_ns, message.stamp_ns, part.data)
+            return
         bins = None
         if isinstance(message, LaserScan):
             bins = self._scan_bins.setdefault(topic, bin_count(message))
-        data = encode(message, bins)
-        channel = self._channel(topic, message)
+        channel = self._channel(topic, ros_type(message), latched=is_latched(message))
+        self._add(channel, time_ns, message.stamp_ns, encode(message, bins))
+
+    def _add(self, channel: int, time_ns: int, stamp_ns: int, data: bytes) -> None:
         self._counts[channel] += 1
-        self._sink.add_message(
-            McapMessage(channel, self._counts[channel], self._log_time_ns(message), message.stamp_ns, data)
-        )
+        self._sink.add_message(McapMessage(channel, self._counts[channel], time_ns, stamp_ns, data))
 
     def _log_time_ns(self, message: Recordable) -> int:
         """Return the time of reception: for raw bytes their stamp as it is, for others none before the newest so far.
@@ -205,14 +214,13 @@ class _Channels:
         self._newest_ns = max(self._newest_ns, time_ns)
         return time_ns
 
-    def _channel(self, topic: str, message: Recordable) -> int:
-        name = ros_type(message)
+    def _channel(self, topic: str, name: str, *, latched: bool) -> int:
         if (topic, name) not in self._ids:
             if name not in self._schemas:
                 self._schemas[name] = self._sink.add_schema(name, "ros2msg", schema_text(name).encode())
-            durability = _TRANSIENT_LOCAL if is_latched(message) else _VOLATILE
+            durability = _TRANSIENT_LOCAL if latched else _VOLATILE
             metadata = {
-                "offered_qos_profiles": _QOS.format(depth=1 if is_latched(message) else 10, durability=durability),
+                "offered_qos_profiles": _QOS.format(depth=1 if latched else 10, durability=durability),
                 "topic_type_hash": type_hash(name),
             }
             self._ids[topic, name] = self._sink.add_channel(topic, "cdr", self._schemas[name], metadata)
