@@ -1,7 +1,7 @@
 """Open a recording, whatever it is stored in, and yield our messages in the order in which they were received.
 
-Accepted: an MCAP file, a ROS 2 bag file (.db3), a folder of either, with or without metadata.yaml, and the text logs of
-CARMEN and tinySLAM. Damaged or unfinished files are read as far as they go.
+Accepted: an MCAP file, a ROS 2 bag file (.db3), a folder of either, with or without metadata.yaml, the text logs of
+CARMEN and tinySLAM, and the .bag files of the RealSense SDK. Damaged or unfinished files are read as far as they go.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from drivers.depth_codec import DepthPairing
 from drivers.depth_topics import find_depth
 from drivers.errors import RecordingError
 from drivers.messages import GridSnapshot, Message, Recordable
+from drivers.realsense_bag import RealsenseBag, is_ros1_bag
 from drivers.recording_files import open_storages
 from drivers.recording_storage import Storage, TopicInfo
 from drivers.ros_codec import (
@@ -191,6 +192,8 @@ def open_recording(path: Path) -> Recording:
         return CarmenLog(path)
     if is_tinyslam_log(path):
         return TinyslamLog(path)
+    if is_ros1_bag(path):
+        return RealsenseBag(path)
     storages, problems = open_storages(path)
     recording = BagRecording(path, storages, problems)
     if not any(topic.count for topic in recording.topics):
