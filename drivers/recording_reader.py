@@ -1,7 +1,8 @@
 """Open a recording, whatever it is stored in, and yield our messages in the order in which they were received.
 
 Accepted: an MCAP file, a ROS 2 bag file (.db3), a folder of either, with or without metadata.yaml, the text logs of
-CARMEN and tinySLAM, and the .bag files of the RealSense SDK. Damaged or unfinished files are read as far as they go.
+CARMEN and tinySLAM, the .bag files of the RealSense SDK, and a folder of depth PNGs. Damaged or unfinished files are
+read as far as they go.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from typing_extensions import Self
 
 from drivers.carmen_log import CarmenLog, is_carmen_log
 from drivers.depth_codec import DepthPairing
+from drivers.depth_folder import DepthFolder, is_depth_folder
+from drivers.depth_pixels import METRES_UNIT_M
 from drivers.depth_topics import find_depth
 from drivers.errors import RecordingError
 from drivers.messages import GridSnapshot, Message, Recordable
@@ -183,8 +186,11 @@ class BagRecording:
                     yield message
 
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording for reading: a bag, a CARMEN or a tinySLAM log.
+def open_recording(path: Path, *, intrinsics: Path | None = None, depth_unit_m: float = METRES_UNIT_M) -> Recording:
+    """Open a recording for reading, whatever it is of what is accepted.
+
+    intrinsics and depth_unit_m are for a folder of depth PNGs: a file with the camera's 3x3 matrix instead of the one
+    in the folder, and metres per count.
 
     Raises RecordingError, with what was found and what is accepted, for anything that is not one or holds no message.
     """
@@ -194,6 +200,8 @@ def open_recording(path: Path) -> Recording:
         return TinyslamLog(path)
     if is_ros1_bag(path):
         return RealsenseBag(path)
+    if is_depth_folder(path):
+        return DepthFolder(path, intrinsics=intrinsics, unit_m=depth_unit_m)
     storages, problems = open_storages(path)
     recording = BagRecording(path, storages, problems)
     if not any(topic.count for topic in recording.topics):
