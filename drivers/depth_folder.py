@@ -162,7 +162,7 @@ class DepthFolder:
         """Return the camera: intrinsics from the file, the image size from the first image that can be read."""
         if not intrinsics.is_file():
             raise RecordingError(
-                f"{self.path}: depth images without {intrinsics.name}: give a file with their 3x3 matrix"
+                f"{self.path}: depth images without {intrinsics.name}: give a file with their 3x3 matrix (--intrinsics)"
             )
         k = _matrix(intrinsics, 3)
         shapes = (counts.shape for frame in self._frames if (counts := self._counts(frame)) is not None)

@@ -96,7 +96,7 @@ class BagRecording:
 
     def __init__(self, path: Path, storages: Sequence[Storage], problems: Sequence[str] = ()) -> None:
         self.path = path
-        self._storages = storages
+        self.storages = storages
         self._missing = tuple(problems)
         self._undecodable: Counter[str] = Counter()
         self._reasons: dict[str, str] = {}
@@ -135,12 +135,12 @@ class BagRecording:
     @property
     def truncated(self) -> bool:
         """True if part of the recording is known to be lost."""
-        return bool(self._missing) or any(storage.truncated for storage in self._storages)
+        return bool(self._missing) or any(storage.truncated for storage in self.storages)
 
     @property
     def problems(self) -> list[str]:
         """What is wrong with the recording, as far as it was read, one line each."""
-        damage = [f"{storage.path.name}: {text}" for storage in self._storages for text in storage.problems]
+        damage = [f"{storage.path.name}: {text}" for storage in self.storages for text in storage.problems]
         undecodable = [
             f"{topic}: {count} messages do not decode{self._reasons.get(topic, '')}"
             for topic, count in self._undecodable.items()
@@ -149,7 +149,7 @@ class BagRecording:
 
     def close(self) -> None:
         """Release the files; closing twice is allowed."""
-        for storage in self._storages:
+        for storage in self.storages:
             storage.close()
 
     def __iter__(self) -> Iterator[Message]:
@@ -167,7 +167,7 @@ class BagRecording:
         self._undecodable.clear()
         depth = DepthPairing(self._depth.image, self._depth.first)
         of_depth = {self._depth.image, *self._depth.companions}
-        files = [storage.messages(topics) for storage in self._storages]
+        files = [storage.messages(topics) for storage in self.storages]
         for stored in heapq.merge(*files, key=lambda message: message.log_time_ns):
             try:
                 if stored.topic in of_depth:

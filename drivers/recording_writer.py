@@ -21,8 +21,8 @@ from drivers.depth_codec import depth_parts
 from drivers.errors import RecordingError
 from drivers.messages import DepthImage, LaserScan, RawChunk, Recordable
 from drivers.recording_mcap import McapMessage, McapSink
-from drivers.recording_scan import bin_count
-from drivers.ros_codec import default_topic, encode, is_latched, ros_type
+from drivers.recording_scan import bin_count, bin_scan, even_scan
+from drivers.ros_codec import default_topic, encode, encode_scan, is_latched, ros_type
 from drivers.ros_store import schema_text, type_hash
 
 # rosbag2's YAML of a QoS profile; history 1 = keep last, reliability 1 = reliable, liveliness 1 = automatic.
@@ -139,10 +139,10 @@ class McapRecorder:
 
     def _write_queue(self, unsaved: Counter[str]) -> None:
         """Write until closed; messages count as written once they are on the disk, till then they are in `unsaved`."""
-        sink = McapSink(self._stream, _library())
+        sink = McapSink(self._stream, library())
         for name, values in self._metadata.items():
             sink.add_metadata(name, values)
-        channels = _Channels(sink)
+        channels = MessageChannels(sink)
         done = False
         while not done:
             sink.flush()
@@ -155,7 +155,7 @@ class McapRecorder:
         self._written.update(unsaved)
         unsaved.clear()
 
-    def _write_until(self, deadline_s: float, channels: _Channels, unsaved: Counter[str]) -> bool:
+    def _write_until(self, deadline_s: float, channels: MessageChannels, unsaved: Counter[str]) -> bool:
         """Write what comes until the deadline; True when the recorder is closing and the queue is empty."""
         while True:
             try:
@@ -171,34 +171,43 @@ class McapRecorder:
                 return False
 
 
-class _Channels:
-    """Serialises messages onto the channels of one file, which are declared as they come up."""
+class MessageChannels:
+    """Serialises messages onto the channels of one file, which are declared as they come up.
 
-    def __init__(self, sink: McapSink) -> None:
+    exact_scans: scans with constant steps are written as they are, not onto the bins of a full turn. start_ns: no
+    message is taken to have been received earlier.
+    """
+
+    def __init__(self, sink: McapSink, *, exact_scans: bool = False, start_ns: int = 0) -> None:
         self._sink = sink
+        self._exact_scans = exact_scans
         self._ids: dict[tuple[str, str], int] = {}
         self._schemas: dict[str, int] = {}
         self._scan_bins: dict[str, int] = {}
         self._counts: Counter[int] = Counter()
-        self._newest_ns = 0
+        self._newest_ns = start_ns
 
     def write(self, topic: str, message: Recordable) -> None:
-        """Append a message; what it cannot be written with is a SerdeError, a full disk an OSError."""
+        """Append a message; raises RecordingError for what no ROS message can hold, OSError on a full disk."""
         time_ns = self._log_time_ns(message)
         if isinstance(message, DepthImage):
             for part in depth_parts(message, topic):
                 channel = self._channel(part.topic, part.type_name, latched=False)
                 self._add(channel, time_ns, message.stamp_ns, part.data)
             return
-        bins = None
-        if isinstance(message, LaserScan):
-            bins = self._scan_bins.setdefault(topic, bin_count(message))
         channel = self._channel(topic, ros_type(message), latched=is_latched(message))
-        self._add(channel, time_ns, message.stamp_ns, encode(message, bins))
+        data = self._scan(topic, message) if isinstance(message, LaserScan) else encode(message)
+        self._add(channel, time_ns, message.stamp_ns, data)
+
+    def _scan(self, topic: str, scan: LaserScan) -> bytes:
+        rays = even_scan(scan) if self._exact_scans else None
+        if rays is None:
+            rays = bin_scan(scan, self._scan_bins.setdefault(topic, bin_count(scan)))
+        return encode_scan(scan, rays)
 
     def _add(self, channel: int, time_ns: int, stamp_ns: int, data: bytes) -> None:
         self._counts[channel] += 1
-        self._sink.add_message(McapMessage(channel, self._counts[channel], time_ns, stamp_ns, data))
+        self._sink.add_message(McapMessage(channel, self._counts[channel], time_ns, max(stamp_ns, 0), data))
 
     def _log_time_ns(self, message: Recordable) -> int:
         """Return the time of reception: for raw bytes their stamp as it is, for others none before the newest so far.
@@ -227,7 +236,8 @@ class _Channels:
         return self._ids[topic, name]
 
 
-def _library() -> str:
+def library() -> str:
+    """Return what a recording says it was written by."""
     try:
         return f"mapfuse-robot {version('mapfuse-robot')}"
     except PackageNotFoundError:

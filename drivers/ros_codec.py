@@ -97,12 +97,17 @@ def encode(message: SingleMessage, scan_bins: int | None = None) -> bytes:
     elif isinstance(message, LidarStream):
         body = ros.std_msgs__msg__String(json.dumps(dataclasses.asdict(message)))
     elif isinstance(message, LaserScan):
-        body = _scan_to_ros(message, scan_bins or bin_count(message))
+        return encode_scan(message, bin_scan(message, scan_bins or bin_count(message)))
     elif isinstance(message, Odometry):
         body = _odometry_to_ros(message)
     else:
         body = _grid_to_ros(message)
     return to_cdr(body, ros_type(message))
+
+
+def encode_scan(scan: LaserScan, rays: BinnedScan) -> bytes:
+    """Return the rays that stand for a scan as a CDR sensor_msgs/msg/LaserScan."""
+    return to_cdr(_scan_to_ros(scan, rays), SCAN_TYPE)
 
 
 def encode_transforms(transforms: Sequence[Transform]) -> bytes:
@@ -155,8 +160,8 @@ def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[SingleMessage
     raise TypeError(f"no decoder for {type(body).__name__}")
 
 
-def _scan_to_ros(scan: LaserScan, bins: int) -> ros.sensor_msgs__msg__LaserScan:
-    binned = bin_scan(scan, bins)
+def _scan_to_ros(scan: LaserScan, binned: BinnedScan) -> ros.sensor_msgs__msg__LaserScan:
+    bins = binned.ranges_m.size
     intensities = np.zeros(0) if binned.intensities is None else binned.intensities
     return ros.sensor_msgs__msg__LaserScan(
         header=header(binned.stamp_ns, scan.frame_id),

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import struct
 from functools import cache
 
+from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores import ros2_humble as ros
+
+from drivers.errors import RecordingError
 
 _STORE = get_typestore(Stores.ROS2_HUMBLE)
 _NS = 1_000_000_000
@@ -29,8 +33,11 @@ def type_hash(type_name: str) -> str:
 
 
 def to_cdr(body: object, type_name: str) -> bytes:
-    """Return a message object as CDR; raises SerdeError where a field does not fit its type."""
-    return bytes(_STORE.serialize_cdr(body, type_name))
+    """Return a message object as CDR; raises RecordingError where a field does not fit its type."""
+    try:
+        return bytes(_STORE.serialize_cdr(body, type_name))
+    except (SerdeError, struct.error, ValueError, TypeError, OverflowError) as error:
+        raise RecordingError(f"no {type_name} can be made of this: {error}") from error
 
 
 def from_cdr(data: bytes, type_name: str) -> object:

@@ -6,6 +6,7 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.stores import ros2_humble as ros
 
+from drivers.errors import RecordingError
 from drivers.ros_store import from_cdr, header, header_stamp_ns, is_known, schema_text, to_cdr, type_hash
 
 TYPES = ("std_msgs/msg/Float64", "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo", "nav_msgs/msg/OccupancyGrid")
@@ -33,3 +34,8 @@ def test_a_message_survives_cdr():
 def test_types_of_other_packages_are_not_known():
     assert is_known("sensor_msgs/msg/Imu")
     assert not is_known("my_msgs/msg/Thing")
+
+
+def test_what_no_message_can_hold_is_refused():
+    with pytest.raises(RecordingError, match="no std_msgs/msg/Header can be made of this"):
+        to_cdr(header(2**40 * 10**9, "laser"), "std_msgs/msg/Header")

@@ -248,6 +248,7 @@ def test_every_command_has_help(cli):
         ["bag", "info"],
         ["bag", "check"],
         ["bag", "recover"],
+        ["bag", "convert"],
         ["config", "show"],
         ["config", "schema"],
     ):
