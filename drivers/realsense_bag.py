@@ -24,11 +24,12 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores import ros1_noetic as ros1
 from typing_extensions import Self
 
-from drivers.depth_codec import pinhole, shortest_decimal
+from drivers.depth_codec import IMAGE_TYPE, pinhole, shortest_decimal
 from drivers.depth_pixels import METRES_UNIT_M, raw_counts
 from drivers.errors import RecordingError
 from drivers.messages import DepthImage, Message, Pinhole
-from drivers.recording_storage import TopicInfo
+from drivers.recording_storage import StoredMessage, TopicInfo
+from drivers.ros1_translation import Ros1Translation
 
 MAGIC = b"#ROSBAG V"
 DEPTH_FRAME = "camera_depth_optical_frame"
@@ -90,6 +91,8 @@ class RealsenseBag:
         self.topics = [
             TopicInfo(name, type_name, count, name in self._places.all) for name, (type_name, count) in topics.items()
         ]
+        self.untranslated: Counter[str] = Counter()
+        self._translation = Ros1Translation({link.msgtype: link.msgdef.data for link in self._reader.connections})
         skipped: Counter[str] = Counter()
         for topic in self.topics:
             skipped[topic.type] += 0 if topic.decoded else topic.count
@@ -115,6 +118,30 @@ class RealsenseBag:
         if scan_topic is not None:
             raise RecordingError(f"{self.path}: no scans called {scan_topic!r}: a RealSense recording holds none")
         return self._images()
+
+    def others(self) -> Iterator[StoredMessage]:
+        """Yield all messages but the depth images as ROS 2 messages, at their log times.
+
+        Types are translated by the definitions in the file; `untranslated` counts, by type, those that could not be.
+        """
+        self.untranslated.clear()
+        wanted = [connection for connection in self._reader.connections if connection.topic != self._places.image]
+        try:
+            for connection, time_ns, raw in self._reader.messages(wanted) if wanted else ():
+                name = connection.msgtype
+                whole = raw[:-4] if name == IMAGE_TYPE and _has_trailer(raw) else raw
+                try:
+                    data = self._translation.to_cdr(whole, name)
+                except ValueError:
+                    self.untranslated[name] += 1
+                else:
+                    yield StoredMessage(connection.topic, name, time_ns, data)
+        except _DAMAGE as error:
+            self._damage = f"damaged ({_reason(error)}); read as far as it goes"
+
+    def schema_text(self, type_name: str) -> str:
+        """Return the ros2msg definition of a type of `others`."""
+        return self._translation.schema_text(type_name)
 
     def close(self) -> None:
         """Release the file; closing twice is allowed."""
@@ -200,11 +227,11 @@ class _Decoding:
 
     def image(self, raw: bytes, values: Mapping[str, str]) -> DepthImage:
         """Return the depth image in a raw message and the values behind it; raises any of _DAMAGE."""
-        sequence, seconds, nanoseconds, id_length = _HEADER.unpack_from(raw)
-        if raw[_HEADER.size : _HEADER.size + id_length] == b"1":
+        sequence, seconds, nanoseconds, _ = _HEADER.unpack_from(raw)
+        if _has_trailer(raw):
             raw, unit = raw[:-4], raw[-4:]
             self._unit_m = shortest_decimal(struct.unpack("<f", unit)[0])
-        body = _STORE.deserialize_ros1(raw, "sensor_msgs/msg/Image")
+        body = _STORE.deserialize_ros1(raw, IMAGE_TYPE)
         assert isinstance(body, ros1.sensor_msgs__msg__Image)
         if self._camera is None:
             raise RecordingError(f"no {self._places.camera} before it: its intrinsics are unknown")
@@ -230,6 +257,11 @@ class _Decoding:
         if abs(exposed_us) > _LONGEST_EXPOSURE_US:
             exposed_us = 0
         return sent_ns + (self._to_wall_ns or 0) + exposed_us * 1000
+
+
+def _has_trailer(raw: bytes) -> bool:
+    """Tell whether a raw image has the depth unit behind its data."""
+    return len(raw) > _HEADER.size and raw[12 : _HEADER.size + 1] == b"\1\0\0\0" + b"1"
 
 
 def is_ros1_bag(path: Path) -> bool:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from drivers.errors import RecordingError
+from drivers.realsense_bag import RealsenseBag
 from drivers.recording_mcap import McapMessage, McapSink
 from drivers.recording_mcap_file import McapFile
 from drivers.recording_reader import BagRecording, Recording
@@ -53,6 +54,8 @@ def convert(recording: Recording, destination: Path) -> ConversionReport:
         with target:
             if isinstance(recording, BagRecording):
                 report = _copy_bag(recording, target)
+            elif isinstance(recording, RealsenseBag):
+                report = _write_realsense(recording, target)
             else:
                 report = _write_messages(recording, target)
         if not report.topics:
@@ -69,6 +72,12 @@ def convert(recording: Recording, destination: Path) -> ConversionReport:
 
 def _write_messages(recording: Recording, target: BinaryIO) -> ConversionReport:
     sink = McapSink(target, library())
+    report = _write_to(recording, sink)
+    sink.finish()
+    return report
+
+
+def _write_to(recording: Recording, sink: McapSink) -> ConversionReport:
     sink.add_metadata("mapfuse.source", {"file": recording.path.name})
     for name, values in recording.metadata.items():
         sink.add_metadata(name, values)
@@ -83,9 +92,34 @@ def _write_messages(recording: Recording, target: BinaryIO) -> ConversionReport:
             unwritten[f"{topic}: {error}"] += 1
         else:
             written[topic] += 1
-    sink.finish()
     lost = [f"{text} ({count} times)" for text, count in unwritten.items()]
     return ConversionReport(dict(written), recording.skipped, (*recording.problems, *lost))
+
+
+def _write_realsense(recording: RealsenseBag, target: BinaryIO) -> ConversionReport:
+    """Write the depth images as ours and everything else as it is, on its own topics.
+
+    Log times of the file count from its start: they are moved to the wall clock by the first image's stamp.
+    """
+    sink = McapSink(target, library())
+    start_ns = min((image.stamp_ns for image in recording), default=0)
+    depth = _write_to(recording, sink)
+    schemas: dict[str, int] = {}
+    channels: dict[tuple[str, str], int] = {}
+    written: Counter[str] = Counter()
+    for stored in recording.others():
+        name = stored.type_name
+        if name not in schemas:
+            schemas[name] = sink.add_schema(name, "ros2msg", recording.schema_text(name).encode())
+        if (stored.topic, name) not in channels:
+            channels[stored.topic, name] = sink.add_channel(stored.topic, "cdr", schemas[name], {})
+        written[stored.topic] += 1
+        time_ns = start_ns + stored.log_time_ns - recording.start_ns
+        channel = channels[stored.topic, name]
+        sink.add_message(McapMessage(channel, written[stored.topic], time_ns, time_ns, stored.data))
+    sink.finish()
+    problems = tuple(dict.fromkeys((*depth.problems, *recording.problems)))
+    return ConversionReport({**depth.topics, **written}, dict(recording.untranslated), problems)
 
 
 def _copy_bag(recording: BagRecording, target: BinaryIO) -> ConversionReport:

@@ -58,8 +58,10 @@ class McapRecorder:
     """Writes what it is given to a new MCAP file (profile ros2, CDR), safely on disk every flush_period_s.
 
     metadata: {name: {key: value}}, written first, so that it survives a cut file. A disk error ends the recording and
-    nothing else: `error` tells. `open_file` and `clock` (s, for the flush period only) can be replaced by tests.
-    Raises RecordingError when the file exists or cannot be created.
+    nothing else: `error` tells. While the disk does not keep up, up to queue_limit messages wait for it, and up to
+    depth_limit depth images among them (0.8 MB each at 848x480; waiting_depth: how many do). `open_file` and `clock`
+    (s, for the flush period only) can be replaced by tests. Raises RecordingError when the file exists or cannot be
+    created.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class McapRecorder:
         *,
         metadata: Mapping[str, Mapping[str, str]],
         queue_limit: int = 20000,
+        depth_limit: int = 150,
         flush_period_s: float = 1.0,
         open_file: Callable[[Path], BinaryIO] = create_file,
         clock: Callable[[], float] = time.monotonic,
@@ -84,6 +87,8 @@ class McapRecorder:
         self._flush_period_s = flush_period_s
         self._clock = clock
         self._queue: queue.Queue[tuple[str, Recordable] | None] = queue.Queue(queue_limit)
+        self._depth_limit = depth_limit
+        self.waiting_depth = 0
         self._lock = threading.Lock()
         self._closing = False
         self._written: Counter[str] = Counter()
@@ -95,11 +100,13 @@ class McapRecorder:
         """Queue a message for its default topic or another; never waits: if the queue is full, drop and count it."""
         name = topic or default_topic(message)
         with self._lock:
-            if self._closing or self.error is not None:
+            is_depth = isinstance(message, DepthImage)
+            if self._closing or self.error is not None or (is_depth and self.waiting_depth >= self._depth_limit):
                 self._dropped[name] += 1
                 return
             try:
                 self._queue.put_nowait((name, message))
+                self.waiting_depth += is_depth
             except queue.Full:
                 self._dropped[name] += 1
 
@@ -165,6 +172,8 @@ class McapRecorder:
             if item is not None:
                 unsaved[item[0]] += 1
                 channels.write(*item)
+                with self._lock:
+                    self.waiting_depth -= isinstance(item[1], DepthImage)
             if self._closing and self._queue.empty():
                 return True
             if self._clock() >= deadline_s:

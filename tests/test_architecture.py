@@ -18,7 +18,13 @@ ADAPTERS = {
     "matplotlib": {"tools.plots"},
     "mcap": {"drivers.recording_mcap"},
     "ompl": {"planning.planner"},
-    "rosbags": {"drivers.depth_codec", "drivers.realsense_bag", "drivers.ros_codec", "drivers.ros_store"},
+    "rosbags": {
+        "drivers.depth_codec",
+        "drivers.realsense_bag",
+        "drivers.ros1_translation",
+        "drivers.ros_codec",
+        "drivers.ros_store",
+    },
     "scipy": {"mapping.layer_correlation", "mapping.pose_graph", "tools.pair_overlap"},  # FFT, sparse solver, k-d tree
     "serial": {"drivers.serial_link"},
     "sklearn": {"tools.ranking_learning"},

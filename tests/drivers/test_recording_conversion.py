@@ -212,3 +212,17 @@ def test_real_recordings_give_the_same_messages_once_converted(name, data_dir, t
             if index < 50 or isinstance(sent, DepthImage):
                 assert_same(got, sent)
             assert got.stamp_ns == sent.stamp_ns
+
+
+@pytest.mark.real_data
+def test_all_streams_of_a_realsense_recording_are_taken_along(data_dir, tmp_path):
+    source = data_dir / "rosbag_misc" / "librealsense_single_depth_color_640x480.bag"
+    report = converted(source, tmp_path / "new.mcap")
+    with open_recording(source) as before, open_recording(tmp_path / "new.mcap") as after:
+        assert report.messages == sum(topic.count for topic in before.topics)
+        assert (report.left_out, report.problems) == ({}, ())
+        assert after.depth_topic == "/camera/depth/image_rect_raw"
+        assert after.end_ns - after.start_ns < 10**9
+        assert after.problems == []
+    colour = [row for row in stored(tmp_path / "new.mcap") if row[1].endswith("Color_0/image/data")]
+    assert [len(row[-1]) // 1000 for row in colour] == [640 * 480 * 3 // 1000]
