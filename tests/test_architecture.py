@@ -19,7 +19,13 @@ ADAPTERS = {
     "mcap": {"drivers.recording_mcap"},
     "ompl": {"planning.planner"},
     "open3d": {"mapping.open3d_projection"},
-    "rosbags": {"drivers.ros_codec"},
+    "rosbags": {
+        "drivers.depth_codec",
+        "drivers.realsense_bag",
+        "drivers.ros1_translation",
+        "drivers.ros_codec",
+        "drivers.ros_store",
+    },
     "scipy": {"mapping.layer_correlation", "mapping.pose_graph", "tools.pair_overlap"},  # FFT, sparse solver, k-d tree
     "serial": {"drivers.serial_link"},
     "sklearn": {"tools.ranking_learning"},

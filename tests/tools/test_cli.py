@@ -248,6 +248,7 @@ def test_every_command_has_help(cli):
         ["bag", "info"],
         ["bag", "check"],
         ["bag", "recover"],
+        ["bag", "convert"],
         ["config", "show"],
         ["config", "schema"],
     ):
@@ -405,7 +406,7 @@ def test_other_peoples_recordings_are_listed_and_refused_by_replay_in_one_line(d
 
 @pytest.mark.real_data
 def test_ros1_bags_are_refused_in_one_line_that_names_the_format(data_dir, cli):
-    files = sorted((data_dir / "rosbag_misc").glob("*.bag"))
+    files = [file for file in (data_dir / "rosbag_misc").glob("*.bag") if "librealsense" not in file.name]
     assert len(files) >= 3
     for file in files:
         for verb in (["replay"], ["bag", "info"]):
