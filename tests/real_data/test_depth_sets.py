@@ -7,11 +7,15 @@ import numpy as np
 import pytest
 
 from drivers.messages import DepthImage, Pinhole
+from drivers.recording_reader import open_recording
 from mapping.depth_grid import DepthGridBuilder
 from mapping.depth_projection import CameraMount, project
 from mapping.depth_sensor_model import DepthModel
 from mapping.depth_thinning import Thinning, thinned
+from mapping.map_io import read_map
 from mapping.virtual_scan import ScanSettings, StereoNoise, scan_depth
+from tools.config import parse
+from tools.replay_run import replay_recording
 
 pytestmark = pytest.mark.real_data
 
@@ -100,3 +104,25 @@ def test_half_of_the_frames_finds_the_other_halfs_obstacles_where_they_are(frame
     assert count > 5000
     assert beside < 0.05 * count
     assert inside_free < 0.01 * count
+
+
+def replayed(path, folder, settings):
+    with open_recording(path) as recording:
+        return replay_recording(recording, parse(settings, "test"), folder, on_progress=lambda _: None)
+
+
+def test_kinect_folder_is_mapped_with_its_own_poses(data_dir, tmp_path):
+    report = replayed(data_dir / "sevenscenes_kinect", tmp_path, {"odometry": {"source": "recorded"}})
+    assert report["scans"]["mapped"] == 125
+    grid = read_map(tmp_path / "map.npz")
+    walls = cv2.distanceTransform(grid.occupied.astype(np.uint8), cv2.DIST_L2, 3)
+    assert grid.occupied.sum() > 150
+    assert np.percentile(walls[grid.occupied], 90) * grid.resolution_m < 0.15
+
+
+def test_standing_d435_gives_a_small_map(data_dir, tmp_path):
+    file = data_dir / "rosbag_misc/librealsense_single_depth_color_640x480.bag"
+    report = replayed(file, tmp_path, {})
+    assert report["depth"]["frames"] == 2
+    assert report["map"]["occupied_cells"] > 20
+    assert report["trajectory"]["length_m"] < 0.02
