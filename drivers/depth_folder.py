@@ -143,7 +143,7 @@ class DepthFolder:
         except ValueError as error:
             self._faults[str(error)] += 1
         else:
-            yield Transform(frame.stamp_ns, WORLD_FRAME, CAMERA_FRAME, pose[:3, 3], _quaternion(pose[:3, :3]))
+            yield Transform(frame.stamp_ns, WORLD_FRAME, CAMERA_FRAME, pose[:3, 3], quaternion(pose[:3, :3]))
 
     def _counts(self, frame: _Frame) -> DepthCounts | None:
         try:
@@ -271,7 +271,7 @@ def _notes(folder: Path) -> dict[str, str]:
     return notes
 
 
-def _quaternion(rotation: FloatArray) -> FloatArray:
+def quaternion(rotation: FloatArray) -> FloatArray:
     """Return the unit quaternion (x, y, z, w) of a rotation matrix that may be a little off.
 
     It is the eigenvector of the largest eigenvalue of a 4x4 matrix (Bar-Itzhack 2000), which leaves no special case.

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drivers.depth_folder import DepthFolder, _quaternion, is_depth_folder
+from drivers.depth_folder import DepthFolder, is_depth_folder, quaternion
 from drivers.errors import RecordingError
 from drivers.messages import DepthImage, Pinhole, Transform
 from drivers.recording_reader import open_recording
@@ -213,11 +213,11 @@ def rotation(quaternion):
 
 
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4))
-def test_the_quaternion_of_a_rotation_gives_it_back(values):
+def test_thequaternion_of_a_rotation_gives_it_back(values):
     length = np.linalg.norm(values)
     if length > 1e-3:
         matrix = rotation(np.array(values) / length)
-        assert rotation(_quaternion(matrix)) == pytest.approx(matrix, abs=1e-9)
+        assert rotation(quaternion(matrix)) == pytest.approx(matrix, abs=1e-9)
 
 
 @pytest.mark.real_data

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -25,7 +27,7 @@ def drive(views, stamps_ms, pose_at, every_ms=100, until_ms=3000):
     poses = [(stamp * MS + 20 * MS, 0, stamp) for stamp in range(0, until_ms + 1, every_ms)]
     for _, is_frame, stamp in sorted(frames + poses):
         if is_frame:
-            views.add_frame(stamp * MS, lambda stamp=stamp: scan(stamp * MS))
+            views.add_frame(stamp * MS, partial(scan, stamp * MS))
         else:
             views.add_pose(stamp * MS, np.asarray(pose_at(stamp * 1e-3), np.float64))
     views.finish()
@@ -56,7 +58,7 @@ def test_which_views_are_taken_does_not_depend_on_when_frames_came():
     for stamp in range(0, 3001, 100):
         late.add_pose(stamp * MS, np.array([0.3e-3 * stamp, 0.0, 0.1e-3 * stamp]))
     for stamp in stamps:
-        late.add_frame(stamp * MS, lambda stamp=stamp: scan(stamp * MS))
+        late.add_frame(stamp * MS, partial(scan, stamp * MS))
     model = DepthModel()
     way = Trajectory(np.array([0, 3000 * MS]), np.array([[0.0, 0.0, 0.0], [0.9, 0.0, 0.3]]))
     first, second = (views.grid(way, 0.05, model) for views in (live, late))

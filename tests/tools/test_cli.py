@@ -414,3 +414,16 @@ def test_ros1_bags_are_refused_in_one_line_that_names_the_format(data_dir, cli):
             assert refused.code == 1
             assert refused.err.count("\n") == 1
             assert "ROS 1 bag" in refused.err
+
+
+@pytest.mark.parametrize("command", [("run",), ("record", "-o", "r.mcap")])
+def test_without_a_sensor_is_wrong_usage(command, cli):
+    outcome = cli(*command)
+    assert (outcome.code, len(outcome.error_lines)) == (2, 1)
+    assert "--depth auto" in outcome.error_lines[0]
+
+
+def test_a_camera_that_is_not_there_is_a_missing_device(cli, tmp_path):
+    outcome = cli("run", "--depth", "emulated:nowhere", "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (4, 1)
+    assert not (tmp_path / "out").exists()

@@ -6,7 +6,7 @@ import pytest
 
 from drivers.depth_folder import DepthFolder
 from drivers.errors import RecordingError
-from drivers.messages import Pinhole
+from drivers.messages import Pinhole, Transform
 from mapping.depth_projection import CameraMount, pixel_rays
 from tools.config import Config
 from tools.recorded_ground import GRAVITY, recorded_poses
@@ -32,7 +32,7 @@ def mount_of(path):
     with DepthFolder(path) as recording:
         poses = recorded_poses(recording, Config())
         for message in recording:
-            if hasattr(message, "parent"):
+            if isinstance(message, Transform):
                 poses.add(message)
     return poses.mount
 
