@@ -48,7 +48,7 @@ class LiveSensors:
     def simulated(self) -> bool:
         """Whether any of the data is."""
         return (self.stream is not None and is_emulated(self.stream.serial)) or (
-            self.camera is not None and _is_emulated(self.camera)
+            self.camera is not None and is_simulated_camera(self.camera)
         )
 
     @property
@@ -87,7 +87,7 @@ def started_sensors(
     Raises DriverError. The camera streams once it is iterated.
     """
     with ExitStack() as opened:
-        camera = None if camera_port is None else opened.enter_context(_opened_camera(camera_port, config, clock))
+        camera = None if camera_port is None else opened.enter_context(open_camera(camera_port, config, clock))
         lidar, stream = None, None
         if lidar_port is not None:
             lidar = opened.enter_context(open_rplidar(lidar_port, baud=config.lidar.baud, clock=clock))
@@ -99,7 +99,8 @@ def started_sensors(
         yield LiveSensors(lidar, stream, camera, tuple(places))
 
 
-def _opened_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
+def open_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
+    """Open the camera that the command line names: auto, a node or an emulated one. Raises DriverError."""
     section = config.depth
     mode = DepthMode(section.width, section.height, section.fps)
     calls: SystemCalls
@@ -120,7 +121,7 @@ def _opened_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
         "%s at %s%s: %dx%d at %d Hz, intrinsics from %s",
         camera.info.card,
         port,
-        " (EMULATED: simulated data)" if _is_emulated(camera) else "",
+        " (EMULATED: simulated data)" if is_simulated_camera(camera) else "",
         mode.width,
         mode.height,
         mode.fps,
@@ -129,7 +130,8 @@ def _opened_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
     return camera
 
 
-def _is_emulated(camera: DepthCamera) -> bool:
+def is_simulated_camera(camera: DepthCamera) -> bool:
+    """Whether the camera is an emulated one."""
     return camera.info.version is not None and is_emulated_camera(camera.info.version.serial)
 
 
