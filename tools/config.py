@@ -90,6 +90,9 @@ class DepthSection(_Section):
     top_m: float = Field(_SCAN.top_m, gt=0, description="and below this one")
     mark_range_m: float = Field(_DEPTH.mark_range_m, gt=0, le=10, description="farther obstacles are not drawn")
     clear_range_m: float = Field(_DEPTH.clear_range_m, gt=0, le=10, description="nothing is free beyond")
+    locate_range_m: float = Field(
+        6.0, gt=0.5, le=6.0, description="obstacles up to here locate a car that has no lidar, noisy as they are"
+    )
     hit_probability: float = Field(_DEPTH.hit_probability, gt=0.5, lt=1.0)
     miss_probability: float = Field(_DEPTH.miss_probability, gt=0.0, lt=0.5)
     view_distance_m: float = Field(_VIEWS.distance_m, gt=0, le=5, description="an image is drawn every so far")

@@ -38,6 +38,7 @@ class DepthFlow:
         self._resolution_m = config.grid.resolution_m
         self._model = config.depth_model()
         self._settings = ScanSettings(bottom_m=config.depth.bottom_m, top_m=config.depth.top_m)
+        self._locate_range_m = config.depth.locate_range_m
         self._mount_of = mount_of
         self._projection = best_projection() if projection is None else projection
 
@@ -49,7 +50,7 @@ class DepthFlow:
             return None
         seen = self._scan(image, mount)
         self.views.add_frame(image.stamp_ns, lambda: seen)
-        return seen.to_laser_scan()
+        return seen.to_laser_scan(range_max_m=self._locate_range_m)
 
     def grid(self, trajectory: Trajectory) -> OccupancyGrid:
         """Return the map of what the camera saw along a trajectory."""

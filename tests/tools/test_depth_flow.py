@@ -52,3 +52,12 @@ def test_the_band_of_heights_is_configured(images):
     usual = flow(alone=True)
     seen = [sum(int(each.add_image(frame).valid.sum()) for frame in images[1]) for each in (high, usual)]
     assert seen[0] < seen[1]
+
+
+def test_far_walls_locate_the_car_though_they_are_not_drawn(images):
+    near = flow(alone=True, config=parse({"depth": {"locate_range_m": 3.0}}, "test"))
+    far = flow(alone=True)
+    reaches = [max(each.add_image(frame).ranges_m.max(initial=0.0) for frame in images[1]) for each in (near, far)]
+    valid = [sum(int(each.add_image(frame).valid.sum()) for frame in images[1]) for each in (near, far)]
+    assert reaches[0] == reaches[1] > 3.0
+    assert valid[0] < valid[1]
