@@ -34,15 +34,18 @@ _SLIDE_STEP_M, _SLIDE_STEPS, _SLIDE_KEEPS = 0.25, 80, 0.7
 class LayeredSettings:
     """What a pose must reach to be believed.
 
-    accept: probability from which a pose is believed. least_wall_m: of wall that both maps must show in one place;
-    least_weak_m: of it, how much must hold the pose in its weakest direction. ambiguous: share of the best one's
-    probability, if that is at least `likely`, at which another place makes it a toss. listed: alternatives are named
-    from this probability on, and at most most_listed. twin_hits, twin_conflicts: a pose below `accept` is ambiguous
-    rather than improbable if it and another place each have at most this share of contradicting wall, and the other at
-    least this share of the best one's agreeing wall.
+    accept: probability from which a pose is believed; accept_long: the same where both maps show long_wall_m or more in
+    one place, which is more than the walls of one room: no two rooms of one size can be taken for each other.
+    least_wall_m: of wall that both maps must show in one place; least_weak_m: of it, how much must hold the pose in its
+    weakest direction. ambiguous: share of the best one's probability, if that is at least `likely`, at which another
+    place makes it a toss. listed: alternatives are named from this probability on, and at most most_listed. twin_hits,
+    twin_conflicts: a pose that is not probable enough is ambiguous if it and another place each have at most this share
+    of contradicting wall, and the other at least this share of the best one's agreeing wall.
     """
 
-    accept: float = 0.94
+    accept: float = 0.95
+    accept_long: float = 0.9
+    long_wall_m: float = 20.0
     least_wall_m: float = 3.0
     least_weak_m: float = 0.5
     likely: float = 0.15
@@ -147,13 +150,14 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
         reason = f"{slides}only {weak_m:.1f} m of wall hold its weakest direction, {rule.least_weak_m:g} m are needed"
         direction += float(a.walls.T_map_grid[2])
         return replace(found, accepted=False, reason=reason, slide=(direction, reach_m))
-    if probability >= rule.accept:
+    needed = rule.accept_long if wall_m >= rule.long_wall_m else rule.accept
+    if probability >= needed:
         return found
     twin = _twin(weighed, rule)
     if twin is not None:
         return _toss(found, weighed, twin, rule, ranking)
     reason = (
-        f"not sure enough: probability {probability:.2f}, {rule.accept:g} is needed ({wall_m:.0f} m of wall agree, "
+        f"not sure enough: probability {probability:.2f}, {needed:g} is needed ({wall_m:.0f} m of wall agree, "
         f"{conflict_m:.1f} m contradict, acceptance index {found.acceptance:.3f})"
     )
     return replace(found, accepted=False, reason=reason)

@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 
 from fusion.survey import SurveyedMap
 from mapping import se2
-from mapping.map_agreement import Probe, judge_poses
+from mapping.bending import bend_each
+from mapping.map_agreement import Probe, judge_poses, net_metres
 from mapping.map_matching import refine_each
+from mapping.metrics import align_points
 from mapping.wall_map import FAR_M, WallMap
 
 FloatArray = NDArray[np.float64]
 _SCALES_M = (0.15, 0.12, 0.1, 0.1, 0.1, 0.1, 0.1, 0.1)
 _SCALE_M = 0.1
+_MET_M, _LEAST_MET = 0.15, 20  # a wall so near is met; from so many points on a rigid motion is known
+_ROUNDS, _GAIN_M = 3, 0.5  # at most so often, and only for so much more wall, another start is followed
 _HELD = 1e-3  # metres of wall that are taken to hold every direction
 
 
@@ -32,7 +36,8 @@ class UncertaintyModel:
     cells: variance of a metre of wall, in squares of the coarser map's cell. spread: factor on what the blocks pull
     apart. bend_m, bend_rad: standard deviation where all walls that agree at 0.25 m do not at 0.12 m: the maps are
     bent, and no rigid motion is right everywhere; straight: the share of such walls in straight maps. floor_m,
-    floor_rad: at the least.
+    floor_rad: at the least. bent_for_good_m, bent_for_good_share: rms bending from which, and share of the bent maps'
+    common wall up to which, no rigid pose is taken to fit.
     """
 
     cells: float = 0.5
@@ -42,6 +47,8 @@ class UncertaintyModel:
     straight: float = 0.03
     floor_m: float = 0.005
     floor_rad: float = 0.0003
+    bent_for_good_m: float = 0.25
+    bent_for_good_share: float = 0.7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +68,39 @@ class _Pull:
 
 
 def settle(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyModel) -> Settled:
-    """Refine a pose with the walls of b on those of a and of a on those of b, and say how sure it is."""
+    """Refine a pose with the walls of b on those of a and of a on those of b, and say how sure it is.
+
+    A refinement can stick where a part of the walls fits and the rest is off. So it is tried as well from where the
+    maps would lie if one could bend, and the pose is kept at which most wall agrees. Of maps that are bent for good no
+    rigid pose fits, and the mean of what bending finds is returned: it is off a little everywhere instead of much
+    somewhere.
+    """
+    cell_m = max(a.walls.resolution_m, b.walls.resolution_m)
+    settled, pulls, middle = _settled(a, b, pose)
+    agreeing_m = _agreeing_m(a, b, settled, cell_m)
+    for number in range(_ROUNDS):
+        unbent = _unbent(a, b, settled)
+        if number > 0 and unbent.strain_m > model.bent_for_good_m:
+            break
+        tried = [_settled(a, b, start) for start in unbent.poses]
+        metres = [_agreeing_m(a, b, each[0], cell_m) for each in tried]
+        if max(metres) <= agreeing_m + _GAIN_M:
+            break
+        agreeing_m = max(metres)
+        settled, pulls, middle = tried[int(np.argmax(metres))]
+    else:
+        unbent = _unbent(a, b, settled)
+    if unbent.strain_m > model.bent_for_good_m and unbent.rigid_share < model.bent_for_good_share:
+        settled = _between(*unbent.poses, middle)
+    bend = max(0.0, _bent_share(a, b, settled, cell_m) - model.straight)
+    least = np.array(
+        [np.hypot(model.floor_m, model.bend_m * bend)] * 2 + [np.hypot(model.floor_rad, model.bend_rad * bend)]
+    )
+    return Settled(settled, _covariance(pulls, cell_m, settled - [*middle, 0.0], least, model))
+
+
+def _settled(a: SurveyedMap, b: SurveyedMap, pose: FloatArray) -> tuple[FloatArray, list[_Pull], FloatArray]:
+    """Return the pose refined both ways, how the walls pull there, and their middle (2,) in map a's frame."""
     forth = _refined(a.walls, b.probe, pose)
     back = se2.inverse(_refined(b.walls, a.probe, se2.inverse(pose)))
     middle = se2.transform_points(forth, b.probe.points.mean(axis=0))
@@ -73,13 +112,51 @@ def settle(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyM
     # The mean of both, each weighed by how well its walls hold it.
     away = _about(back, middle, forth)
     step = np.asarray(np.linalg.solve(matrix + _HELD * np.eye(3), pulls[1].matrix @ away), dtype=np.float64)
-    settled = _moved(forth, middle, step)
-    cell_m = max(a.walls.resolution_m, b.walls.resolution_m)
-    bend = max(0.0, _bent_share(a, b, settled, cell_m) - model.straight)
-    least = np.array(
-        [np.hypot(model.floor_m, model.bend_m * bend)] * 2 + [np.hypot(model.floor_rad, model.bend_rad * bend)]
+    return _moved(forth, middle, step), pulls, middle
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Unbent:
+    """Where b lies rigidly if b is bent onto a, and if a is bent onto b; strain_m: the lesser bending of the two;
+    rigid_share: of the wall that meets once bent, how much meets without.
+    """
+
+    poses: tuple[FloatArray, FloatArray]
+    strain_m: float
+    rigid_share: float
+
+
+def _unbent(a: SurveyedMap, b: SurveyedMap, pose: FloatArray) -> _Unbent:
+    forth, strain_b, met_b = _rigid_part(a.walls, b.rough, pose)
+    back, strain_a, met_a = _rigid_part(b.walls, a.rough, se2.inverse(pose))
+    bent_m, rigid_m = met_a + met_b
+    return _Unbent((forth, se2.inverse(back)), min(strain_a, strain_b), float(rigid_m / max(bent_m, 1e-9)))
+
+
+def _rigid_part(walls: WallMap, probe: Probe, pose: FloatArray) -> tuple[FloatArray, float, FloatArray]:
+    """Return the rigid motion nearest to that of the points that bending lays on walls, the bending in m, and the
+    metres (2,) of wall that meet bent and as they are.
+    """
+    bent = bend_each(walls, probe.points, probe.lengths, pose[np.newaxis])
+    met, straight = (
+        _field_at(walls, points)[0] < _MET_M for points in (bent.placed[0], se2.transform_points(pose, probe.points))
     )
-    return Settled(settled, _covariance(pulls, cell_m, settled - [*middle, 0.0], least, model))
+    metres = np.array([probe.lengths[met].sum(), probe.lengths[straight].sum()])
+    if np.count_nonzero(met) < _LEAST_MET:
+        return pose, 0.0, metres
+    return align_points(bent.placed[0][met], probe.points[met]), float(bent.strain_m[0]), metres
+
+
+def _agreeing_m(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, cell_m: float) -> float:
+    """Return the metres of wall that agree within 0.12 m less twice those that contradict, of both maps."""
+    forth = net_metres(a.surface, b.probe, pose[np.newaxis], cell_m)
+    back = net_metres(b.surface, a.probe, se2.inverse(pose)[np.newaxis], cell_m)
+    return float(forth[0, 0] + back[0, 0])
+
+
+def _between(one: FloatArray, other: FloatArray, middle: FloatArray) -> FloatArray:
+    """Return the pose half-way between two, as a motion about a middle (2,) in map a's frame."""
+    return _moved(one, middle, 0.5 * _about(other, middle, one))
 
 
 def _bent_share(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, cell_m: float) -> float:

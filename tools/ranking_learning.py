@@ -8,7 +8,10 @@ score of a pair into a probability.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -71,24 +74,20 @@ def check_installed() -> None:
 
 
 def held_out_scores(
-    pools: Sequence[HypothesisPool], growth: Growth, on_progress: Callable[[str], None] = lambda _: None
+    pools: Sequence[HypothesisPool], growth: Growth, on_progress: Callable[[str], None] = lambda _: None, jobs: int = 1
 ) -> HeldOut:
-    """Score every pair by trees grown on the pairs that touch none of its buildings.
+    """Score every pair by trees grown on the pairs that touch none of its buildings, in so many processes.
 
     Pairs for which there is nothing to learn from are left out. Raises ToolError where a curve cannot be fitted.
     """
+    groups = left_out_groups(pools)
     rankings: dict[frozenset[str], Ranking] = {}
     judged: list[tuple[HypothesisPool, float, bool]] = []
-    groups = left_out_groups(pools)
-    for number, (left_out, inside) in enumerate(groups.items(), start=1):
+    for number, (left_out, ranking) in enumerate(_rankings_without(pools, [*groups], growth, jobs), start=1):
         on_progress(f"{number} of {len(groups)}: without {' and '.join(sorted(left_out))}")
-        kept = [pool for pool in pools if left_out.isdisjoint(pool.buildings)]
-        if not any(pool.right.any() for pool in kept):
-            continue
-        ranking = rankings[left_out] = ranking_from(
-            _stored(_classifier(kept, growth), f"without {', '.join(sorted(left_out))}")
-        )
-        judged += [(pool, *score_of(ranking, pool)) for pool in inside]
+        if ranking is not None:
+            rankings[left_out] = ranking
+            judged += [(pool, *score_of(ranking, pool)) for pool in groups[left_out]]
     if len({right for _, _, right in judged}) < 2:
         buildings = len({name for pool in pools for name in pool.buildings})
         raise ToolError(
@@ -97,6 +96,38 @@ def held_out_scores(
         )
     taken, scores, right = zip(*judged, strict=True)
     return HeldOut(rankings, taken, np.array(scores), np.array(right, np.bool_))
+
+
+def _rankings_without(
+    pools: Sequence[HypothesisPool], groups: Sequence[frozenset[str]], growth: Growth, jobs: int
+) -> Iterator[tuple[frozenset[str], Ranking | None]]:
+    """Yield each set of buildings with the ranking of pairs that touch none; None where nothing is to learn from."""
+    if jobs <= 1 or len(groups) < 2:
+        for left_out in groups:
+            yield left_out, _ranking_without(pools, growth, left_out)
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_hold, initargs=(pools, growth)) as processes:
+        yield from zip(groups, processes.map(_held_ranking_without, groups), strict=True)
+
+
+_held: list[tuple[Sequence[HypothesisPool], Growth]] = []  # in a worker process: what it learns from, sent once
+
+
+def _hold(pools: Sequence[HypothesisPool], growth: Growth) -> None:
+    os.environ["OMP_NUM_THREADS"] = "1"  # read by scikit-learn's trees when they are first imported
+    _held[:] = [(pools, growth)]
+
+
+def _held_ranking_without(left_out: frozenset[str]) -> Ranking | None:
+    return _ranking_without(*_held[0], left_out)
+
+
+def _ranking_without(pools: Sequence[HypothesisPool], growth: Growth, left_out: frozenset[str]) -> Ranking | None:
+    kept = [pool for pool in pools if left_out.isdisjoint(pool.buildings)]
+    if not any(pool.right.any() for pool in kept):
+        return None
+    return ranking_from(_stored(_classifier(kept, growth), f"without {', '.join(sorted(left_out))}"))
 
 
 def learned(pools: Sequence[HypothesisPool], growth: Growth, origin: str, held_out: HeldOut) -> dict[str, Any]:

@@ -64,14 +64,14 @@ def register_ranked(ranking: Ranking, a: OccupancyGrid, b: OccupancyGrid, seed: 
 
 
 def left_out_registrations(
-    pairs: Sequence[MapPair], pools: Sequence[HypothesisPool], on_progress: Callable[[str], None]
+    pairs: Sequence[MapPair], pools: Sequence[HypothesisPool], on_progress: Callable[[str], None], jobs: int = 1
 ) -> list[Register]:
     """Return for each pair the registration whose ranking is learned from the pools that touch neither building.
 
     The pools are those of these pairs and of any others. Raises ToolError where nothing is left to learn from.
     """
     groups = [frozenset((pair.building_a, pair.building_b)) for pair in pairs]
-    held_out = held_out_scores(pools, Growth(), on_progress)
+    held_out = held_out_scores(pools, Growth(), on_progress, jobs)
     rankings = {group: ranking_without(held_out, group) for group in set(groups)}
     return [partial(register_ranked, rankings[group]) for group in groups]
 

@@ -33,3 +33,13 @@ def test_middles_lie_half_a_cell_from_the_corner():
     assert middles(np.array([[False, True], [True, False]]), 0.2).tolist() == pytest.approx(
         np.array([[0.3, 0.1], [0.1, 0.3]])
     )
+
+
+def test_distances_are_the_same_bits_each_time_and_exact():
+    random = np.random.default_rng(0)
+    walls = random.random((83, 131)) < 0.01
+    rows, cols = np.nonzero(walls)
+    away = np.indices(walls.shape).reshape(2, -1, 1) - np.array([rows, cols])[:, np.newaxis]
+    exact = np.sqrt((away**2).sum(axis=0).min(axis=1).astype(np.float32)).reshape(walls.shape) * np.float32(0.05)
+    for _ in range(20):
+        assert distances_to(walls, 0.05).tobytes() == np.minimum(exact, np.float32(2.0)).tobytes()

@@ -116,7 +116,7 @@ def _left_out(
     if cache is not None:
         check_new_file(cache)
     keyed = {key: pair for folder in lists for key, pair in keyed_pairs(folder).items()}
-    return left_out_registrations(chosen, pools_of(keyed, seed, jobs, cache, log.info), log.info)
+    return left_out_registrations(chosen, pools_of(keyed, seed, jobs, cache, log.info), log.info, jobs)
 
 
 def _save(folder: Path, report: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ def learn(
         check_new_file(file)
     keyed = {key: pair for folder in pairs for key, pair in keyed_pairs(folder).items()}
     pools = pools_of(keyed, seed, jobs, cache, log.info)
-    held_out = held_out_scores(pools, Growth(), log.info)
+    held_out = held_out_scores(pools, Growth(), log.info, jobs)
     words = " ".join([*(folder.resolve().name for folder in pairs), f"--seed {seed}"])
     stored = learned(pools, Growth(), f"{len(pools)} pairs: mapfuse-robot learn {words}", held_out)
     write_weights(output, stored)
