@@ -79,9 +79,9 @@ def test_an_existing_file_is_kept(frames, cli, tmp_path):
     assert (tmp_path / "kept.mcap").read_text() == "years of work"
 
 
-def test_replay_of_depth_alone_is_refused_in_one_line(frames, cli, tmp_path):
+def test_replay_of_depth_that_sees_too_little_is_refused_in_one_line(frames, cli, tmp_path):
     options = ("--intrinsics", tmp_path / "k.txt")
     assert cli("bag", "convert", frames, "-o", tmp_path / "new.mcap", *options).code == 0
     outcome = cli("replay", tmp_path / "new.mcap", "-o", tmp_path / "out")
     assert (outcome.code, len(outcome.error_lines)) == (1, 1)
-    assert "no LaserScan" in outcome.error_lines[0]
+    assert "none of its 2 scans can be mapped" in outcome.error_lines[0]
