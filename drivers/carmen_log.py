@@ -49,6 +49,7 @@ class CarmenLog:
     """
 
     has_raw = False
+    depth_topic: str | None = None
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -21,6 +21,10 @@ class PortBusyError(DriverError):
     """Another process holds the port."""
 
 
+class WrongDeviceError(DriverError):
+    """The device is there and answers, but it is of another kind than was asked for."""
+
+
 class SilentPortError(DriverError):
     """The port opens and nothing answers on it at any baud rate that was tried."""
 

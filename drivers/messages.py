@@ -190,5 +190,5 @@ class GridSnapshot:
         object.__setattr__(self, "cells", cells)
 
 
-Message = LaserScan | Odometry | Transform | RawChunk | LidarStream
+Message = LaserScan | Odometry | Transform | RawChunk | LidarStream | DepthImage
 Recordable = Message | GridSnapshot

@@ -17,7 +17,8 @@ from drivers.recording_sqlite import SqliteFile
 from drivers.recording_storage import Storage
 
 ACCEPTED = (
-    "accepted: MCAP (.mcap), a ROS 2 bag file (.db3), a folder with either, a CARMEN or tinySLAM log (plain, .gz, .bz2)"
+    "accepted: MCAP (.mcap), a ROS 2 bag file (.db3), a folder with either, a CARMEN or tinySLAM log (plain, .gz, "
+    ".bz2), a .bag of the RealSense SDK, a folder of 16-bit depth PNGs"
 )
 _OVERLAP_NS = 1_000_000_000  # parts of one recording follow each other, apart from what was in flight
 

@@ -1,7 +1,8 @@
 """Open a recording, whatever it is stored in, and yield our messages in the order in which they were received.
 
-Accepted: an MCAP file, a ROS 2 bag file (.db3), a folder of either, with or without metadata.yaml, and the text logs of
-CARMEN and tinySLAM. Damaged or unfinished files are read as far as they go.
+Accepted: an MCAP file, a ROS 2 bag file (.db3), a folder of either, with or without metadata.yaml, the text logs of
+CARMEN and tinySLAM, the .bag files of the RealSense SDK, and a folder of depth PNGs. Damaged or unfinished files are
+read as far as they go.
 """
 
 from __future__ import annotations
@@ -16,8 +17,13 @@ from typing import Protocol
 from typing_extensions import Self
 
 from drivers.carmen_log import CarmenLog, is_carmen_log
+from drivers.depth_codec import DepthPairing
+from drivers.depth_folder import DepthFolder, is_depth_folder
+from drivers.depth_pixels import METRES_UNIT_M
+from drivers.depth_topics import find_depth
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, Message
+from drivers.messages import GridSnapshot, Message, Recordable
+from drivers.realsense_bag import RealsenseBag, is_ros1_bag
 from drivers.recording_files import open_storages
 from drivers.recording_storage import Storage, TopicInfo
 from drivers.ros_codec import (
@@ -39,7 +45,8 @@ class Recording(Protocol):
     topics: all of them. metadata: the writer's records {name: {key: value}}. start_ns, end_ns: first and last log time.
     skipped: messages of types that nothing here decodes, counted by type. scan_topic: the LaserScan topic that is
     yielded (the one with the most messages), None where raw lidar bytes replace it or there is none. odometry_topic:
-    likewise, /odom first. Damage may show only while reading: see `truncated` and `problems` after the last message.
+    likewise, /odom first. depth_topic: the topic whose depth images are yielded, None where there are none. Damage may
+    show only while reading: see `truncated` and `problems` after the last message.
     """
 
     path: Path
@@ -51,6 +58,7 @@ class Recording(Protocol):
     has_raw: bool
     scan_topic: str | None
     odometry_topic: str | None
+    depth_topic: str | None
 
     @property
     def truncated(self) -> bool:
@@ -88,10 +96,13 @@ class BagRecording:
 
     def __init__(self, path: Path, storages: Sequence[Storage], problems: Sequence[str] = ()) -> None:
         self.path = path
-        self._storages = storages
+        self.storages = storages
         self._missing = tuple(problems)
         self._undecodable: Counter[str] = Counter()
-        self.topics = _merged_topics(storages)
+        self._reasons: dict[str, str] = {}
+        self._depth = find_depth(storages)
+        self.depth_topic = self._depth.image
+        self.topics = _merged_topics(storages, self._depth.readable | self._depth.companions)
         self.metadata = {name: dict(values) for storage in storages for name, values in storage.metadata.items()}
         self.start_ns = min((storage.start_ns for storage in storages if storage.end_ns), default=0)
         self.end_ns = max(storage.end_ns for storage in storages)
@@ -114,7 +125,8 @@ class BagRecording:
         if scan_topic is not None and scan_topic not in scans:
             known = ", ".join(scans) or "none"
             raise RecordingError(f"{self.path}: no LaserScan topic {scan_topic!r}; LaserScan topics in it: {known}")
-        chosen = {scan_topic or self.scan_topic, self.odometry_topic} - {None}
+        chosen = {scan_topic or self.scan_topic, self.odometry_topic, self.depth_topic} - {None}
+        chosen |= self._depth.companions
         chosen |= {topic.name for topic in self.topics if topic.type == TRANSFORM_TYPE}
         if scan_topic is None:
             chosen |= self._raw_topics
@@ -123,18 +135,21 @@ class BagRecording:
     @property
     def truncated(self) -> bool:
         """True if part of the recording is known to be lost."""
-        return bool(self._missing) or any(storage.truncated for storage in self._storages)
+        return bool(self._missing) or any(storage.truncated for storage in self.storages)
 
     @property
     def problems(self) -> list[str]:
         """What is wrong with the recording, as far as it was read, one line each."""
-        damage = [f"{storage.path.name}: {text}" for storage in self._storages for text in storage.problems]
-        undecodable = [f"{topic}: {count} messages do not decode" for topic, count in self._undecodable.items()]
+        damage = [f"{storage.path.name}: {text}" for storage in self.storages for text in storage.problems]
+        undecodable = [
+            f"{topic}: {count} messages do not decode{self._reasons.get(topic, '')}"
+            for topic, count in self._undecodable.items()
+        ]
         return [*self._missing, *damage, *undecodable]
 
     def close(self) -> None:
         """Release the files; closing twice is allowed."""
-        for storage in self._storages:
+        for storage in self.storages:
             storage.close()
 
     def __iter__(self) -> Iterator[Message]:
@@ -150,22 +165,32 @@ class BagRecording:
 
     def _decoded(self, topics: Collection[str]) -> Iterator[Message]:
         self._undecodable.clear()
-        files = [storage.messages(topics) for storage in self._storages]
+        depth = DepthPairing(self._depth.image, self._depth.first)
+        of_depth = {self._depth.image, *self._depth.companions}
+        files = [storage.messages(topics) for storage in self.storages]
         for stored in heapq.merge(*files, key=lambda message: message.log_time_ns):
-            if not is_decodable(stored.type_name, stored.topic):
-                continue  # a second type on a topic that we read
             try:
-                decoded = decode(stored.type_name, stored.data, stored.topic, stored.log_time_ns)
-            except RecordingError:
+                if stored.topic in of_depth:
+                    decoded: Sequence[Recordable] = depth.feed(stored)
+                elif is_decodable(stored.type_name, stored.topic):
+                    decoded = decode(stored.type_name, stored.data, stored.topic, stored.log_time_ns)
+                else:
+                    continue  # a second type on a topic that we read
+            except RecordingError as error:
                 self._undecodable[stored.topic] += 1
+                if stored.topic in of_depth:
+                    self._reasons.setdefault(stored.topic, f" ({error})")
                 continue
             for message in decoded:
                 if not isinstance(message, GridSnapshot):
                     yield message
 
 
-def open_recording(path: Path) -> Recording:
-    """Open a recording for reading: a bag, a CARMEN or a tinySLAM log.
+def open_recording(path: Path, *, intrinsics: Path | None = None, depth_unit_m: float = METRES_UNIT_M) -> Recording:
+    """Open a recording for reading, whatever it is of what is accepted.
+
+    intrinsics and depth_unit_m are for a folder of depth PNGs: a file with the camera's 3x3 matrix instead of the one
+    in the folder, and metres per count.
 
     Raises RecordingError, with what was found and what is accepted, for anything that is not one or holds no message.
     """
@@ -173,6 +198,10 @@ def open_recording(path: Path) -> Recording:
         return CarmenLog(path)
     if is_tinyslam_log(path):
         return TinyslamLog(path)
+    if is_ros1_bag(path):
+        return RealsenseBag(path)
+    if is_depth_folder(path):
+        return DepthFolder(path, intrinsics=intrinsics, unit_m=depth_unit_m)
     storages, problems = open_storages(path)
     recording = BagRecording(path, storages, problems)
     if not any(topic.count for topic in recording.topics):
@@ -182,13 +211,15 @@ def open_recording(path: Path) -> Recording:
     return recording
 
 
-def _merged_topics(storages: Sequence[Storage]) -> list[TopicInfo]:
+def _merged_topics(storages: Sequence[Storage], of_depth: Collection[str]) -> list[TopicInfo]:
     counts: Counter[tuple[str, str]] = Counter()
     for storage in storages:
         for topic in storage.topics:
             counts[topic.name, topic.type_name] += topic.count
     return [
-        TopicInfo(name, type_name, count, is_decodable(type_name, name) and type_name != GRID_TYPE)
+        TopicInfo(
+            name, type_name, count, name in of_depth or (is_decodable(type_name, name) and type_name != GRID_TYPE)
+        )
         for (name, type_name), count in counts.items()
     ]
 

@@ -6,7 +6,6 @@ from array import array
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -100,7 +99,7 @@ def check(path: Path) -> CheckReport:
     return CheckReport(not problems, tuple(problems), tuple(notes))
 
 
-class _Copy:
+class RecordCopy:
     """Copies records into a new file, where channels and schemas get new ids."""
 
     def __init__(self, sink: McapSink, index: McapIndex) -> None:
@@ -141,21 +140,32 @@ class _Copy:
         return self._channel_ids[old]
 
 
-def _copy(source: Path, target: BinaryIO, storage: McapFile) -> RecoveryReport:
+def read_header(source: Path) -> Header:
+    """Return the first record of an MCAP file; one of profile ros2 where it is damaged."""
+    with source.open("rb") as stream:
+        first = next(walk(stream, len(MAGIC), source.stat().st_size), None)
+    return first.record if isinstance(first, Leaf) and isinstance(first.record, Header) else Header("ros2", "")
+
+
+def copy_records(source: Path, copy: RecordCopy) -> list[Fault]:
+    """Copy all records of an MCAP file that can be read; return where some could not."""
     faults: list[Fault] = []
     with source.open("rb") as stream:
-        leaves = walk(stream, len(MAGIC), source.stat().st_size)
-        first = next(leaves, None)
-        header = first.record if isinstance(first, Leaf) and isinstance(first.record, Header) else Header("ros2", "")
-        sink = McapSink(target, header.library, header.profile)
-        copy = _Copy(sink, storage.index)
-        for leaf in chain([first] if first else [], leaves):
+        for leaf in walk(stream, len(MAGIC), source.stat().st_size):
             if isinstance(leaf, Fault):
                 faults.append(leaf)
             elif isinstance(leaf.record, DataEnd):
                 break
             else:
                 copy.add(leaf.record)
+    return faults
+
+
+def _copy(source: Path, target: BinaryIO, storage: McapFile) -> RecoveryReport:
+    header = read_header(source)
+    sink = McapSink(target, header.library, header.profile)
+    copy = RecordCopy(sink, storage.index)
+    faults = copy_records(source, copy)
     problems = [fault.text for fault in faults]
     if copy.orphans:
         problems.append(f"{copy.orphans} messages whose channel was in a lost chunk")

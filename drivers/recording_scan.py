@@ -17,6 +17,7 @@ from drivers.messages import FloatArray, LaserScan
 
 BIN_COUNTS = (180, 240, 360, 400, 500, 600, 720, 800, 1000, 1200, 1440, 1600, 2000, 2400, 3200, 3600)
 _START_GRID_RAD = math.radians(10)
+_EVEN_RAD, _EVEN_S = 1e-6, 1e-7
 _LONGEST_SWEEP_S = 1.0  # no planar laser turns more slowly
 
 
@@ -76,6 +77,24 @@ def bin_scan(scan: LaserScan, bins: int) -> BinnedScan:
         intensities[index[order]] = scan.intensities[order]
     stamp_ns = scan.stamp_ns + round(start_s * 1e9)
     return BinnedScan(stamp_ns, start, turning * width, step_s, ranges, intensities)
+
+
+def even_scan(scan: LaserScan) -> BinnedScan | None:
+    """Return the rays of a scan as they are, if their angles and times have constant steps; else None.
+
+    So nothing is lost of scans that came as ranges at constant steps, a part of a turn among them.
+    """
+    count = scan.ranges_m.size
+    if count < 2:
+        return None
+    places = np.arange(count)
+    step_rad = float(scan.angles_rad[-1] - scan.angles_rad[0]) / (count - 1)
+    step_s = float(scan.offsets_s[-1]) / (count - 1)
+    off_rad = np.abs(scan.angles_rad - (scan.angles_rad[0] + places * step_rad)).max()
+    off_s = np.abs(scan.offsets_s - places * step_s).max()
+    if not (step_rad and step_s >= 0 and off_rad <= _EVEN_RAD and off_s <= _EVEN_S):
+        return None
+    return BinnedScan(scan.stamp_ns, float(scan.angles_rad[0]), step_rad, step_s, scan.ranges_m, scan.intensities)
 
 
 def unbin_scan(

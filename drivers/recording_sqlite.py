@@ -10,6 +10,7 @@ import heapq
 import sqlite3
 from collections import Counter
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
@@ -18,6 +19,17 @@ from drivers.recording_storage import Metadatas, StoredMessage, StoredTopic
 
 MAGIC = b"SQLite format 3\0"
 _SORT_WINDOW = 1000  # messages; rosbag2 writes in the order of arrival, give or take its cache
+
+
+@dataclass(frozen=True, slots=True)
+class SqliteTopic:
+    """What a file says of a topic; qos and definition (of the type) are empty where it does not tell."""
+
+    name: str
+    type_name: str
+    encoding: str
+    qos: str
+    definition: str
 
 
 class SqliteFile:
@@ -45,6 +57,31 @@ class SqliteFile:
         for topic_id, time_ns, _, data in rows:
             if topic_id in wanted:
                 yield StoredMessage(*wanted[topic_id], time_ns, bytes(data))
+
+    def declarations(self) -> list[SqliteTopic]:
+        """Return what the file says of its topics, as a copy of it must say too."""
+        rows = self._database.execute("SELECT * FROM topics ORDER BY id")
+        names = [column[0] for column in rows.description]
+        topics = [dict(zip(names, row, strict=True)) for row in rows]
+        definitions = self._definitions()
+        return [
+            SqliteTopic(
+                name=str(topic["name"]),
+                type_name=str(topic["type"]),
+                encoding=str(topic["serialization_format"]),
+                qos=str(topic.get("offered_qos_profiles") or ""),
+                definition=definitions.get(str(topic["type"]), ""),
+            )
+            for topic in topics
+        ]
+
+    def _definitions(self) -> dict[str, str]:
+        """Return the text of each message type; files before ROS 2 Iron hold none."""
+        query = "SELECT topic_type, encoded_message_definition FROM message_definitions WHERE encoding = 'ros2msg'"
+        try:
+            return {str(type_name): str(text) for type_name, text in self._database.execute(query)}
+        except sqlite3.DatabaseError:
+            return {}
 
     def verify(self) -> tuple[list[str], list[str]]:
         """Read everything; return what is wrong with the file itself, and what is worth knowing about it."""

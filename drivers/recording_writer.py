@@ -17,11 +17,13 @@ from typing import BinaryIO
 
 from typing_extensions import Self
 
+from drivers.depth_codec import depth_parts
 from drivers.errors import RecordingError
-from drivers.messages import LaserScan, RawChunk, Recordable
+from drivers.messages import DepthImage, LaserScan, RawChunk, Recordable
 from drivers.recording_mcap import McapMessage, McapSink
-from drivers.recording_scan import bin_count
-from drivers.ros_codec import default_topic, encode, is_latched, ros_type, schema_text, type_hash
+from drivers.recording_scan import bin_count, bin_scan, even_scan
+from drivers.ros_codec import default_topic, encode, encode_scan, is_latched, ros_type
+from drivers.ros_store import schema_text, type_hash
 
 # rosbag2's YAML of a QoS profile; history 1 = keep last, reliability 1 = reliable, liveliness 1 = automatic.
 _QOS = """- history: 1
@@ -56,8 +58,10 @@ class McapRecorder:
     """Writes what it is given to a new MCAP file (profile ros2, CDR), safely on disk every flush_period_s.
 
     metadata: {name: {key: value}}, written first, so that it survives a cut file. A disk error ends the recording and
-    nothing else: `error` tells. `open_file` and `clock` (s, for the flush period only) can be replaced by tests.
-    Raises RecordingError when the file exists or cannot be created.
+    nothing else: `error` tells. While the disk does not keep up, up to queue_limit messages wait for it, and up to
+    depth_limit depth images among them (0.8 MB each at 848x480; waiting_depth: how many do). `open_file` and `clock`
+    (s, for the flush period only) can be replaced by tests. Raises RecordingError when the file exists or cannot be
+    created.
     """
 
     def __init__(
@@ -66,6 +70,7 @@ class McapRecorder:
         *,
         metadata: Mapping[str, Mapping[str, str]],
         queue_limit: int = 20000,
+        depth_limit: int = 150,
         flush_period_s: float = 1.0,
         open_file: Callable[[Path], BinaryIO] = create_file,
         clock: Callable[[], float] = time.monotonic,
@@ -82,6 +87,8 @@ class McapRecorder:
         self._flush_period_s = flush_period_s
         self._clock = clock
         self._queue: queue.Queue[tuple[str, Recordable] | None] = queue.Queue(queue_limit)
+        self._depth_limit = depth_limit
+        self.waiting_depth = 0
         self._lock = threading.Lock()
         self._closing = False
         self._written: Counter[str] = Counter()
@@ -93,11 +100,13 @@ class McapRecorder:
         """Queue a message for its default topic or another; never waits: if the queue is full, drop and count it."""
         name = topic or default_topic(message)
         with self._lock:
-            if self._closing or self.error is not None:
+            is_depth = isinstance(message, DepthImage)
+            if self._closing or self.error is not None or (is_depth and self.waiting_depth >= self._depth_limit):
                 self._dropped[name] += 1
                 return
             try:
                 self._queue.put_nowait((name, message))
+                self.waiting_depth += is_depth
             except queue.Full:
                 self._dropped[name] += 1
 
@@ -137,10 +146,10 @@ class McapRecorder:
 
     def _write_queue(self, unsaved: Counter[str]) -> None:
         """Write until closed; messages count as written once they are on the disk, till then they are in `unsaved`."""
-        sink = McapSink(self._stream, _library())
+        sink = McapSink(self._stream, library())
         for name, values in self._metadata.items():
             sink.add_metadata(name, values)
-        channels = _Channels(sink)
+        channels = MessageChannels(sink)
         done = False
         while not done:
             sink.flush()
@@ -153,7 +162,7 @@ class McapRecorder:
         self._written.update(unsaved)
         unsaved.clear()
 
-    def _write_until(self, deadline_s: float, channels: _Channels, unsaved: Counter[str]) -> bool:
+    def _write_until(self, deadline_s: float, channels: MessageChannels, unsaved: Counter[str]) -> bool:
         """Write what comes until the deadline; True when the recorder is closing and the queue is empty."""
         while True:
             try:
@@ -163,33 +172,51 @@ class McapRecorder:
             if item is not None:
                 unsaved[item[0]] += 1
                 channels.write(*item)
+                with self._lock:
+                    self.waiting_depth -= isinstance(item[1], DepthImage)
             if self._closing and self._queue.empty():
                 return True
             if self._clock() >= deadline_s:
                 return False
 
 
-class _Channels:
-    """Serialises messages onto the channels of one file, which are declared as they come up."""
+class MessageChannels:
+    """Serialises messages onto the channels of one file, which are declared as they come up.
 
-    def __init__(self, sink: McapSink) -> None:
+    exact_scans: scans with constant steps are written as they are, not onto the bins of a full turn. start_ns: no
+    message is taken to have been received earlier.
+    """
+
+    def __init__(self, sink: McapSink, *, exact_scans: bool = False, start_ns: int = 0) -> None:
         self._sink = sink
+        self._exact_scans = exact_scans
         self._ids: dict[tuple[str, str], int] = {}
         self._schemas: dict[str, int] = {}
         self._scan_bins: dict[str, int] = {}
         self._counts: Counter[int] = Counter()
-        self._newest_ns = 0
+        self._newest_ns = start_ns
 
     def write(self, topic: str, message: Recordable) -> None:
-        bins = None
-        if isinstance(message, LaserScan):
-            bins = self._scan_bins.setdefault(topic, bin_count(message))
-        data = encode(message, bins)
-        channel = self._channel(topic, message)
+        """Append a message; raises RecordingError for what no ROS message can hold, OSError on a full disk."""
+        time_ns = self._log_time_ns(message)
+        if isinstance(message, DepthImage):
+            for part in depth_parts(message, topic):
+                channel = self._channel(part.topic, part.type_name, latched=False)
+                self._add(channel, time_ns, message.stamp_ns, part.data)
+            return
+        channel = self._channel(topic, ros_type(message), latched=is_latched(message))
+        data = self._scan(topic, message) if isinstance(message, LaserScan) else encode(message)
+        self._add(channel, time_ns, message.stamp_ns, data)
+
+    def _scan(self, topic: str, scan: LaserScan) -> bytes:
+        rays = even_scan(scan) if self._exact_scans else None
+        if rays is None:
+            rays = bin_scan(scan, self._scan_bins.setdefault(topic, bin_count(scan)))
+        return encode_scan(scan, rays)
+
+    def _add(self, channel: int, time_ns: int, stamp_ns: int, data: bytes) -> None:
         self._counts[channel] += 1
-        self._sink.add_message(
-            McapMessage(channel, self._counts[channel], self._log_time_ns(message), message.stamp_ns, data)
-        )
+        self._sink.add_message(McapMessage(channel, self._counts[channel], time_ns, max(stamp_ns, 0), data))
 
     def _log_time_ns(self, message: Recordable) -> int:
         """Return the time of reception: for raw bytes their stamp as it is, for others none before the newest so far.
@@ -205,21 +232,21 @@ class _Channels:
         self._newest_ns = max(self._newest_ns, time_ns)
         return time_ns
 
-    def _channel(self, topic: str, message: Recordable) -> int:
-        name = ros_type(message)
+    def _channel(self, topic: str, name: str, *, latched: bool) -> int:
         if (topic, name) not in self._ids:
             if name not in self._schemas:
                 self._schemas[name] = self._sink.add_schema(name, "ros2msg", schema_text(name).encode())
-            durability = _TRANSIENT_LOCAL if is_latched(message) else _VOLATILE
+            durability = _TRANSIENT_LOCAL if latched else _VOLATILE
             metadata = {
-                "offered_qos_profiles": _QOS.format(depth=1 if is_latched(message) else 10, durability=durability),
+                "offered_qos_profiles": _QOS.format(depth=1 if latched else 10, durability=durability),
                 "topic_type_hash": type_hash(name),
             }
             self._ids[topic, name] = self._sink.add_channel(topic, "cdr", self._schemas[name], metadata)
         return self._ids[topic, name]
 
 
-def _library() -> str:
+def library() -> str:
+    """Return what a recording says it was written by."""
     try:
         return f"mapfuse-robot {version('mapfuse-robot')}"
     except PackageNotFoundError:

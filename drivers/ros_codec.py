@@ -1,4 +1,4 @@
-"""ROS 2 messages in CDR <-> the messages of this project; the only user of the rosbags type store.
+"""ROS 2 messages in CDR <-> the messages of this project.
 
 | ours | ROS type | topic |
 |---|---|---|
@@ -8,6 +8,7 @@
 | Odometry | nav_msgs/msg/Odometry | /odom |
 | Transform | tf2_msgs/msg/TFMessage | /tf, /tf_static (latched) |
 | GridSnapshot | nav_msgs/msg/OccupancyGrid | /map (latched) |
+| DepthImage | sensor_msgs/msg/Image and what `depth_codec` puts beside it | /camera/depth/image_rect_raw |
 
 The first two use general types (every channel of a ROS recording needs a schema), so their topic decides what they are.
 """
@@ -18,15 +19,15 @@ import dataclasses
 import json
 import math
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from rosbags.serde import SerdeError
-from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores import ros2_humble as ros
 
+from drivers.depth_codec import DEPTH_TOPIC
 from drivers.errors import RecordingError
 from drivers.messages import (
+    DepthImage,
     FloatArray,
     GridSnapshot,
     LaserScan,
@@ -37,6 +38,7 @@ from drivers.messages import (
     Transform,
 )
 from drivers.recording_scan import BinnedScan, bin_count, bin_scan, unbin_scan
+from drivers.ros_store import from_cdr, header, header_stamp_ns, to_cdr
 
 RAW_TYPE = "std_msgs/msg/UInt8MultiArray"
 STREAM_TYPE = "std_msgs/msg/String"
@@ -45,7 +47,10 @@ ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 TRANSFORM_TYPE = "tf2_msgs/msg/TFMessage"
 GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
 
-_TYPES: dict[type[Recordable], str] = {
+SingleMessage = LaserScan | Odometry | Transform | RawChunk | LidarStream | GridSnapshot
+"""What goes into one ROS message: all but a DepthImage, which takes several (see depth_codec)."""
+
+_TYPES: dict[type[SingleMessage], str] = {
     RawChunk: RAW_TYPE,
     LidarStream: STREAM_TYPE,
     LaserScan: SCAN_TYPE,
@@ -60,12 +65,11 @@ _TOPICS: dict[type[Recordable], str] = {
     Odometry: "/odom",
     Transform: "/tf",
     GridSnapshot: "/map",
+    DepthImage: DEPTH_TOPIC,
 }
-_STORE = get_typestore(Stores.ROS2_HUMBLE)
-_NS = 1_000_000_000
 
 
-def ros_type(message: Recordable) -> str:
+def ros_type(message: SingleMessage) -> str:
     """Return the ROS type that carries this message."""
     return _TYPES[type(message)]
 
@@ -77,24 +81,12 @@ def default_topic(message: Recordable) -> str:
     return _TOPICS[type(message)]
 
 
-def is_latched(message: Recordable) -> bool:
+def is_latched(message: SingleMessage) -> bool:
     """Tell whether a late subscriber must still get the last message (QoS durability transient_local)."""
     return isinstance(message, LidarStream | GridSnapshot) or (isinstance(message, Transform) and message.static)
 
 
-@cache
-def schema_text(type_name: str) -> str:
-    """Return the ros2msg definition of a type followed by all that it depends on, as rosbag2 stores it."""
-    return _STORE.generate_msgdef(type_name, ros_version=2)[0]
-
-
-@cache
-def type_hash(type_name: str) -> str:
-    """Return the RIHS01 hash by which ROS 2 compares types (REP-2011)."""
-    return _STORE.hash_rihs01(type_name)
-
-
-def encode(message: Recordable, scan_bins: int | None = None) -> bytes:
+def encode(message: SingleMessage, scan_bins: int | None = None) -> bytes:
     """Return the message as CDR; a LaserScan goes onto `scan_bins` constant bins (default: `bin_count` of it)."""
     if isinstance(message, Transform):
         return encode_transforms([message])
@@ -105,19 +97,24 @@ def encode(message: Recordable, scan_bins: int | None = None) -> bytes:
     elif isinstance(message, LidarStream):
         body = ros.std_msgs__msg__String(json.dumps(dataclasses.asdict(message)))
     elif isinstance(message, LaserScan):
-        body = _scan_to_ros(message, scan_bins or bin_count(message))
+        return encode_scan(message, bin_scan(message, scan_bins or bin_count(message)))
     elif isinstance(message, Odometry):
         body = _odometry_to_ros(message)
     else:
         body = _grid_to_ros(message)
-    return bytes(_STORE.serialize_cdr(body, ros_type(message)))
+    return to_cdr(body, ros_type(message))
+
+
+def encode_scan(scan: LaserScan, rays: BinnedScan) -> bytes:
+    """Return the rays that stand for a scan as a CDR sensor_msgs/msg/LaserScan."""
+    return to_cdr(_scan_to_ros(scan, rays), SCAN_TYPE)
 
 
 def encode_transforms(transforms: Sequence[Transform]) -> bytes:
     """Return the transforms as one CDR tf2_msgs/msg/TFMessage."""
     stamped = [
         ros.geometry_msgs__msg__TransformStamped(
-            _header(transform.stamp_ns, transform.parent),
+            header(transform.stamp_ns, transform.parent),
             transform.child,
             ros.geometry_msgs__msg__Transform(
                 ros.geometry_msgs__msg__Vector3(*transform.translation.tolist()),
@@ -126,7 +123,7 @@ def encode_transforms(transforms: Sequence[Transform]) -> bytes:
         )
         for transform in transforms
     ]
-    return bytes(_STORE.serialize_cdr(ros.tf2_msgs__msg__TFMessage(stamped), TRANSFORM_TYPE))
+    return to_cdr(ros.tf2_msgs__msg__TFMessage(stamped), TRANSFORM_TYPE)
 
 
 def is_decodable(type_name: str, topic: str) -> bool:
@@ -135,18 +132,18 @@ def is_decodable(type_name: str, topic: str) -> bool:
     return topic.endswith(suffix) if suffix else type_name in _TYPES.values()
 
 
-def decode(type_name: str, data: bytes, topic: str, log_time_ns: int) -> tuple[Recordable, ...]:
+def decode(type_name: str, data: bytes, topic: str, log_time_ns: int) -> tuple[SingleMessage, ...]:
     """Return what one CDR message holds (a TFMessage: any number of transforms).
 
     The type must be one that `is_decodable` accepts. Raises RecordingError when the bytes are not a message of it.
     """
     try:
-        return _from_ros(_STORE.deserialize_cdr(data, type_name), topic, log_time_ns)
+        return _from_ros(from_cdr(data, type_name), topic, log_time_ns)
     except (SerdeError, ValueError, TypeError) as error:
         raise RecordingError(f"{topic}: {len(data)} bytes are not a {type_name}: {error}") from error
 
 
-def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[Recordable, ...]:
+def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[SingleMessage, ...]:
     match body:
         case ros.std_msgs__msg__UInt8MultiArray():
             return (RawChunk(log_time_ns, body.data.tobytes()),)
@@ -163,19 +160,11 @@ def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[Recordable, .
     raise TypeError(f"no decoder for {type(body).__name__}")
 
 
-def _header(stamp_ns: int, frame_id: str) -> ros.std_msgs__msg__Header:
-    return ros.std_msgs__msg__Header(ros.builtin_interfaces__msg__Time(*divmod(stamp_ns, _NS)), frame_id)
-
-
-def _stamp_ns(header: ros.std_msgs__msg__Header) -> int:
-    return header.stamp.sec * _NS + header.stamp.nanosec
-
-
-def _scan_to_ros(scan: LaserScan, bins: int) -> ros.sensor_msgs__msg__LaserScan:
-    binned = bin_scan(scan, bins)
+def _scan_to_ros(scan: LaserScan, binned: BinnedScan) -> ros.sensor_msgs__msg__LaserScan:
+    bins = binned.ranges_m.size
     intensities = np.zeros(0) if binned.intensities is None else binned.intensities
     return ros.sensor_msgs__msg__LaserScan(
-        header=_header(binned.stamp_ns, scan.frame_id),
+        header=header(binned.stamp_ns, scan.frame_id),
         angle_min=binned.start_rad,
         angle_max=binned.start_rad + (bins - 1) * binned.step_rad,
         angle_increment=binned.step_rad,
@@ -194,7 +183,7 @@ def _scan_from_ros(body: ros.sensor_msgs__msg__LaserScan, log_time_ns: int) -> L
     if body.angle_increment == 0 and body.ranges.size > 1:
         raise ValueError(f"angle_increment 0 for {body.ranges.size} ranges")
     binned = BinnedScan(
-        stamp_ns=_stamp_ns(body.header) or log_time_ns,
+        stamp_ns=header_stamp_ns(body.header) or log_time_ns,
         start_rad=body.angle_min,
         step_rad=body.angle_increment,
         step_s=body.time_increment,
@@ -227,7 +216,7 @@ def _odometry_to_ros(odometry: Odometry) -> ros.nav_msgs__msg__Odometry:
     vector = ros.geometry_msgs__msg__Vector3
     twist = ros.geometry_msgs__msg__Twist(vector(vx, vy, 0.0), vector(0.0, 0.0, wz))
     return ros.nav_msgs__msg__Odometry(
-        header=_header(odometry.stamp_ns, odometry.frame_id),
+        header=header(odometry.stamp_ns, odometry.frame_id),
         child_frame_id=odometry.child_frame_id,
         pose=ros.geometry_msgs__msg__PoseWithCovariance(_planar_pose(*odometry.pose.tolist()), np.zeros(36)),
         twist=ros.geometry_msgs__msg__TwistWithCovariance(twist, np.zeros(36)),
@@ -239,7 +228,7 @@ def _odometry_from_ros(body: ros.nav_msgs__msg__Odometry, log_time_ns: int) -> O
     if not np.isfinite(pose).all():
         raise ValueError(f"pose {pose} is not finite")
     return Odometry(
-        stamp_ns=_stamp_ns(body.header) or log_time_ns,
+        stamp_ns=header_stamp_ns(body.header) or log_time_ns,
         pose=pose,
         twist=np.array([twist.linear.x, twist.linear.y, twist.angular.z]),
         frame_id=body.header.frame_id,
@@ -257,7 +246,7 @@ def _transform_from_ros(stamped: ros.geometry_msgs__msg__TransformStamped, *, st
     if not (np.isfinite(translation).all() and np.isfinite(quaternion).all() and quaternion.any()):
         raise ValueError(f"{stamped.header.frame_id} to {stamped.child_frame_id} is no transform")
     return Transform(
-        stamp_ns=_stamp_ns(stamped.header),
+        stamp_ns=header_stamp_ns(stamped.header),
         parent=stamped.header.frame_id,
         child=stamped.child_frame_id,
         translation=translation,
@@ -267,17 +256,17 @@ def _transform_from_ros(stamped: ros.geometry_msgs__msg__TransformStamped, *, st
 
 
 def _grid_to_ros(grid: GridSnapshot) -> ros.nav_msgs__msg__OccupancyGrid:
-    header = _header(grid.stamp_ns, grid.frame_id)
+    stamped = header(grid.stamp_ns, grid.frame_id)
     rows, cols = grid.cells.shape
     origin = _planar_pose(*grid.origin.tolist())
-    info = ros.nav_msgs__msg__MapMetaData(header.stamp, grid.resolution_m, cols, rows, origin)
-    return ros.nav_msgs__msg__OccupancyGrid(header, info, np.ascontiguousarray(grid.cells).ravel())
+    info = ros.nav_msgs__msg__MapMetaData(stamped.stamp, grid.resolution_m, cols, rows, origin)
+    return ros.nav_msgs__msg__OccupancyGrid(stamped, info, np.ascontiguousarray(grid.cells).ravel())
 
 
 def _grid_from_ros(body: ros.nav_msgs__msg__OccupancyGrid) -> GridSnapshot:
     cells = body.data.reshape(body.info.height, body.info.width)
     origin = _xy_yaw(body.info.origin)
-    return GridSnapshot(_stamp_ns(body.header), body.info.resolution, origin, cells, body.header.frame_id)
+    return GridSnapshot(header_stamp_ns(body.header), body.info.resolution, origin, cells, body.header.frame_id)
 
 
 def _stream_from_ros(body: ros.std_msgs__msg__String) -> LidarStream:

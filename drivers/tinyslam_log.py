@@ -71,6 +71,7 @@ class TinyslamLog:
     """
 
     has_raw = False
+    depth_topic: str | None = None
     scan_topic: str | None = SCAN_TOPIC
     odometry_topic: str | None = ODOMETRY_TOPIC
 

@@ -31,24 +31,9 @@ def find_mount(transforms: Iterable[Transform], base: str, sensor: str) -> Mount
 
     Raises MappingError for a sensor that is tilted by more than MAX_TILT_RAD: its scans are not a floor plan.
     """
-    base, sensor = base.lstrip("/"), sensor.lstrip("/")
-    edges: dict[str, list[tuple[str, FloatArray]]] = {}
-    for transform in transforms:
-        parent, child = transform.parent.lstrip("/"), transform.child.lstrip("/")
-        matrix = _matrix(transform)
-        edges.setdefault(parent, []).append((child, matrix))
-        edges.setdefault(child, []).append((parent, np.asarray(np.linalg.inv(matrix), dtype=np.float64)))
-    reached = {base: np.eye(4)}
-    frontier = [base]
-    while frontier and sensor not in reached:
-        frame = frontier.pop()
-        for neighbour, matrix in edges.get(frame, []):
-            if neighbour not in reached:
-                reached[neighbour] = reached[frame] @ matrix
-                frontier.append(neighbour)
-    if sensor not in reached:
+    T_base_sensor = find_pose(transforms, base, sensor)
+    if T_base_sensor is None:
         return None
-    T_base_sensor = reached[sensor]
     tilt = float(np.arccos(min(abs(T_base_sensor[2, 2]), 1.0)))
     if tilt > MAX_TILT_RAD:
         raise MappingError(
@@ -59,7 +44,27 @@ def find_mount(transforms: Iterable[Transform], base: str, sensor: str) -> Mount
     return Mount(pose, inverted=bool(T_base_sensor[2, 2] < 0.0))
 
 
-def _matrix(transform: Transform) -> FloatArray:
+def find_pose(transforms: Iterable[Transform], base: str, sensor: str) -> FloatArray | None:
+    """Return T_base_sensor (4, 4) by chaining static transforms; None where they are not connected."""
+    base, sensor = base.lstrip("/"), sensor.lstrip("/")
+    edges: dict[str, list[tuple[str, FloatArray]]] = {}
+    for transform in transforms:
+        parent, child = transform.parent.lstrip("/"), transform.child.lstrip("/")
+        matrix = matrix4(transform)
+        edges.setdefault(parent, []).append((child, matrix))
+        edges.setdefault(child, []).append((parent, np.asarray(np.linalg.inv(matrix), dtype=np.float64)))
+    reached = {base: np.eye(4)}
+    frontier = [base]
+    while frontier and sensor not in reached:
+        frame = frontier.pop()
+        for neighbour, matrix in edges.get(frame, []):
+            if neighbour not in reached:
+                reached[neighbour] = reached[frame] @ matrix
+                frontier.append(neighbour)
+    return reached.get(sensor)
+
+
+def matrix4(transform: Transform) -> FloatArray:
     """Return T_parent_child as a 4x4 matrix."""
     x, y, z, w = transform.quaternion / np.linalg.norm(transform.quaternion)
     matrix = np.eye(4)

@@ -18,13 +18,20 @@ ADAPTERS = {
     "matplotlib": {"tools.plots"},
     "mcap": {"drivers.recording_mcap"},
     "ompl": {"planning.planner"},
-    "rosbags": {"drivers.ros_codec"},
+    "open3d": {"mapping.open3d_projection"},
+    "rosbags": {
+        "drivers.depth_codec",
+        "drivers.realsense_bag",
+        "drivers.ros1_translation",
+        "drivers.ros_codec",
+        "drivers.ros_store",
+    },
     "scipy": {"mapping.layer_correlation", "mapping.pose_graph", "tools.pair_overlap"},  # FFT, sparse solver, k-d tree
     "serial": {"drivers.serial_link"},
     "sklearn": {"tools.ranking_learning"},
 }
 # Each costs a good part of a second: the command that needs one imports it, so that --help answers at once.
-SLOW_TO_IMPORT = ("cv2", "kiss_icp", "matplotlib", "numba", "ompl", "rosbags", "scipy", "sklearn")
+SLOW_TO_IMPORT = ("cv2", "kiss_icp", "matplotlib", "numba", "ompl", "open3d", "rosbags", "scipy", "sklearn")
 CLOCKS_AND_CHANCE = {"datetime", "random", "secrets", "time", "uuid"}
 NAMES_WITHOUT_CONTENT = {"base", "common", "helper", "helpers", "manager", "misc", "shared", "types", "util", "utils"}
 

@@ -19,10 +19,12 @@ from tools.commands import (
     align,
     bag,
     bench,
+    bench_depth,
     bench_fusion,
     bench_slam,
     config,
     demo,
+    doctor,
     emulate,
     evaluate,
     evaluate_features,
@@ -60,7 +62,9 @@ app.command("plan")(plan.plan)
 app.command("pairs")(pairs.pairs)
 app.command("learn")(learn.learn)
 app.command("demo")(demo.demo)
+app.command("doctor")(doctor.doctor)
 app.add_typer(bench.app, name="bench")
+bench.app.command("depth")(bench_depth.depth)
 bench.app.command("slam")(bench_slam.slam)
 bench.app.command("fusion")(bench_fusion.fusion)
 app.add_typer(emulate.app, name="emulate")

@@ -10,16 +10,21 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
+from typing_extensions import Self
 
+from mapping.depth_projection import CameraMount
+from mapping.depth_sensor_model import DepthModel
+from mapping.depth_views import ViewSettings
 from mapping.front_end import KeyframeSettings
 from mapping.graph_slam import GraphSettings
 from mapping.mount import Mount
 from mapping.odometry import OdometrySettings
 from mapping.sensor_models import LidarModel
 from mapping.slam import MappingSettings
+from mapping.virtual_scan import ScanSettings
 from tools.errors import UsageError
 
 _ODOMETRY = OdometrySettings()
@@ -27,6 +32,9 @@ _LIDAR = LidarModel()
 _MAPPING = MappingSettings()
 _KEYFRAMES = KeyframeSettings()
 _GRAPH = GraphSettings()
+_DEPTH = DepthModel()
+_SCAN = ScanSettings()
+_VIEWS = ViewSettings()
 
 
 class ConfigError(UsageError):
@@ -56,6 +64,47 @@ class LidarSection(_Section):
     mount: MountSection = MountSection()
 
 
+class CameraMountSection(_Section):
+    """Where the depth camera's left imager sits in base_link."""
+
+    x_m: float = Field(0.20, description="forward of the rear axle: measure yours")
+    y_m: float = Field(0.0, description="left of the middle")
+    z_m: float = Field(0.20, gt=0, description="above the ground")
+    roll_rad: float = 0.0
+    pitch_rad: float = Field(0.0, gt=-1.6, lt=1.6, description="positive looks down; known to 1 deg the map is as good")
+    yaw_rad: float = Field(0.0, description="positive looks to the left")
+
+
+class DepthSection(_Section):
+    """The depth camera, and what becomes of its images."""
+
+    width: int = Field(848, gt=0, le=4096, description="of the image in pixels; 848x480 is what a D435 does best")
+    height: int = Field(480, gt=0, le=4096)
+    fps: int = Field(30, gt=0, le=300, description="images a second")
+    camera_info: str | None = Field(None, description="YAML with the intrinsics; null: the camera is asked")
+    mount: CameraMountSection = CameraMountSection()
+    tilt: Literal["mount", "recorded"] = Field(
+        "mount", description="of the camera; recorded: from poses in the recording, as for one held in the hand"
+    )
+    bottom_m: float = Field(_SCAN.bottom_m, gt=0, description="obstacles stand above this height over the floor")
+    top_m: float = Field(_SCAN.top_m, gt=0, description="and below this one")
+    mark_range_m: float = Field(_DEPTH.mark_range_m, gt=0, le=10, description="farther obstacles are not drawn")
+    clear_range_m: float = Field(_DEPTH.clear_range_m, gt=0, le=10, description="nothing is free beyond")
+    locate_range_m: float = Field(
+        6.0, gt=0.5, le=6.0, description="obstacles up to here locate a car that has no lidar, noisy as they are"
+    )
+    hit_probability: float = Field(_DEPTH.hit_probability, gt=0.5, lt=1.0)
+    miss_probability: float = Field(_DEPTH.miss_probability, gt=0.0, lt=0.5)
+    view_distance_m: float = Field(_VIEWS.distance_m, gt=0, le=5, description="an image is drawn every so far")
+    view_turn_rad: float = Field(_VIEWS.turn_rad, gt=0, le=3.2, description="or after turning by so much")
+
+    @model_validator(mode="after")
+    def _is_a_band(self) -> Self:
+        if self.bottom_m >= self.top_m:
+            raise ValueError(f"bottom_m {self.bottom_m} is not below top_m {self.top_m}")
+        return self
+
+
 class ReplaySection(_Section):
     """How recordings of other programs are read."""
 
@@ -70,7 +119,10 @@ class ReplaySection(_Section):
 class OdometrySection(_Section):
     """Scan matching (kiss-icp)."""
 
-    source: Literal["kiss", "wheel"] = Field("kiss", description="scan matching, or wheel odometry alone as a baseline")
+    source: Literal["kiss", "wheel", "recorded"] = Field(
+        "kiss",
+        description="scan matching; wheel odometry alone, as a baseline; or the poses that a recording came with",
+    )
     use_wheel_odometry: bool = Field(_MAPPING.use_wheel_odometry, description="as first guess, where there is any")
     wheel_wait_s: float = Field(_MAPPING.wheel_wait_s, ge=0, description="how long a scan waits for wheel odometry")
     map_radius_m: float = Field(_ODOMETRY.map_radius_m, gt=0, description="reach of the local map")
@@ -120,6 +172,7 @@ class Config(_Section):
     """All of it."""
 
     lidar: LidarSection = LidarSection()
+    depth: DepthSection = DepthSection()
     replay: ReplaySection = ReplaySection()
     odometry: OdometrySection = OdometrySection()
     slam: SlamSection = SlamSection()
@@ -133,13 +186,13 @@ class Config(_Section):
             odometry=OdometrySettings(**odometry),
             keyframes=KeyframeSettings(distance_m=self.slam.keyframe_distance_m, turn_rad=self.slam.keyframe_turn_rad),
             graph=GraphSettings(
-                loop_closure=self.slam.loop_closure,
+                loop_closure=self.slam.loop_closure and self.odometry.source != "recorded",
                 delay=self.slam.delay_keyframes,
-                refine_on_the_way=self.slam.refine and self.odometry.source != "wheel",
+                refine_on_the_way=self.slam.refine and self.odometry.source == "kiss",
             ),
             lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m", "live_s"})),
-            use_wheel_odometry=self.odometry.use_wheel_odometry or self.odometry.source == "wheel",
-            wheels_only=self.odometry.source == "wheel",
+            use_wheel_odometry=self.odometry.use_wheel_odometry or self.odometry.source != "kiss",
+            wheels_only=self.odometry.source != "kiss",
             wheel_wait_s=self.odometry.wheel_wait_s,
             scan_every=self.slam.scan_every,
         )
@@ -148,6 +201,21 @@ class Config(_Section):
         """Return the laser's planar pose on the body."""
         section = self.lidar.mount
         return Mount(np.array([section.x_m, section.y_m, section.yaw_rad]), section.inverted)
+
+    def camera_mount(self) -> CameraMount:
+        """Return where the depth camera sits on the body."""
+        return CameraMount(**self.depth.mount.model_dump())
+
+    def view_settings(self) -> ViewSettings:
+        """Return which depth images are drawn."""
+        return ViewSettings(distance_m=self.depth.view_distance_m, turn_rad=self.depth.view_turn_rad)
+
+    def depth_model(self) -> DepthModel:
+        """Return the camera's inverse sensor model."""
+        section = self.depth
+        return DepthModel(
+            section.hit_probability, section.miss_probability, section.mark_range_m, section.clear_range_m
+        )
 
     def with_resolution(self, resolution_m: float | None, cells_per_meter: float | None) -> Config:
         """Return a copy with the grid resolution given in either way; raise ConfigError if both or out of range."""
@@ -165,8 +233,8 @@ class Config(_Section):
         chosen = {name: value for name, value in given.items() if value is not None}
         return self.model_copy(update={"slam": self.slam.model_copy(update=chosen)})
 
-    def with_odometry(self, source: Literal["kiss", "wheel"] | None) -> Config:
-        """Return a copy that takes its poses from scan matching or from the wheels alone; None changes nothing."""
+    def with_odometry(self, source: Literal["kiss", "wheel", "recorded"] | None) -> Config:
+        """Return a copy that takes its poses from another source; None changes nothing."""
         if source is None:
             return self
         return self.model_copy(update={"odometry": self.odometry.model_copy(update={"source": source})})

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from drivers.rplidar_models import EmulatedModel
 from mapping.trajectory import Trajectory, read_tum, write_tum
 from tools.clock import RunClock
 from tools.config import Config
+from tools.emulated_camera import EmulatedCar
 from tools.results import writing_to
 from tools.simulator import SimulatedLidar, drive_along
 from tools.world import TOURS, load_world
@@ -77,9 +79,15 @@ def serve_lidar(
     truth: Path | None,
     link: Path | None,
     as_json: bool,
+    car: Callable[[int | None], None] = lambda _: None,
 ) -> None:
-    """Serve until `stop`; announce port, departure and arrival on stdout, and what was emitted at the end."""
+    """Serve until `stop`; announce port, departure and arrival on stdout, and what was emitted at the end.
+
+    car: is told when the car will set out (ns of the monotonic clock) once that is known, and None at first.
+    """
     clock = RunClock()
+    car(None)
+    shared = False
     emulator = RplidarEmulator(model, ranger)
     with PtyPort(emulator, model.baud, link=link) as port:
         address = str(link) if link is not None else port.name
@@ -89,6 +97,9 @@ def serve_lidar(
             start_ns = ranger.start_ns
             if start_ns is None:
                 continue
+            if not shared:
+                car(start_ns)
+                shared = True
             if not departed and clock.monotonic_ns() >= start_ns:
                 departed = True
                 _announce(as_json, "departed", seconds=round(drive.duration_s, 1))
@@ -101,6 +112,19 @@ def serve_lidar(
             write_tum(truth, replace(drive.truth, stamps_ns=drive.truth.stamps_ns + shift_ns))
     counters = emulator.counters
     _announce(as_json, "stopped", samples_emitted=counters.samples_emitted, bytes_lost=port.bytes_lost)
+
+
+def car_writer(path: Path | None, world: str, drive: Drive) -> Callable[[int | None], None]:
+    """Return what shares the car with its camera through a file, or does nothing without one."""
+    if Path(world).is_file():
+        world = str(Path(world).absolute())
+
+    def share(start_ns: int | None) -> None:
+        if path is not None:
+            with writing_to(path):
+                EmulatedCar(world, drive.truth, start_ns).write(path)
+
+    return share
 
 
 def _announce(as_json: bool, event: str, **details: object) -> None:

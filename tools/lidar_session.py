@@ -1,4 +1,4 @@
-"""A session with a lidar: open and start it, record it, map it, save what came of it."""
+"""A session with a lidar, a depth camera or both: start them, record them, map them, save what came of it."""
 
 from __future__ import annotations
 
@@ -6,25 +6,30 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
-
 from drivers.errors import DriverError
-from drivers.messages import LidarStream, Recordable, Transform
+from drivers.messages import Recordable
 from drivers.recording_writer import McapRecorder, RecordingReport
-from drivers.rplidar import Rplidar, open_rplidar
-from drivers.rplidar_models import is_emulated
-from mapping.frames import planar_transform
 from mapping.graph_state import GraphState
+from mapping.mount import Mount
 from mapping.slam import MappedScan
 from tools.clock import RunClock
 from tools.config import Config, ConfigError
+from tools.depth_flow import DepthFlow, scan_mount
 from tools.live_run import LiveOutcome, record_live, run_live
+from tools.live_sensors import LiveSensors, started_sensors
 from tools.localisation import Localisation
-from tools.pipeline import LASER_FRAME, MappingFlow, resolve_mount, search_thread, warm_up
+from tools.pipeline import (
+    CAMERA_FRAME,
+    LASER_FRAME,
+    MappingFlow,
+    resolve_camera_mount,
+    resolve_mount,
+    search_thread,
+    warm_up,
+)
 from tools.replay_run import CONFIG_RECORD
 from tools.results import Report, decoding_summary, grid_snapshot, lost_pieces, save_results
 from tools.signals import Stop
@@ -36,7 +41,7 @@ _PROGRESS_S = 2.0
 
 
 def run_session(
-    port: str,
+    lidar_port: str | None,
     config: Config,
     new_folder: Callable[[], Path],
     stop: Stop,
@@ -44,106 +49,107 @@ def run_session(
     record: bool,
     resume: GraphState | None = None,
     map_file: Path | None = None,
+    camera_port: str | None = None,
 ) -> tuple[Report, DriverError | None]:
-    """Map live until `stop`; return the report and the fault that ended the run early, once all is saved.
+    """Map live with a lidar, a camera or both until `stop`.
 
-    Map, trajectory and state are saved, then refined and saved again; another signal meanwhile leaves that out. Raises
-    DriverError when the lidar cannot be started, ConfigError for settings of replays: nothing is written then.
+    Return the report and the fault that ended the run early, once all is saved. Map, trajectory and state are saved,
+    then refined and saved again; another signal meanwhile leaves that out. Raises DriverError when a sensor cannot be
+    started, ConfigError for settings of replays: nothing is written then.
     """
-    if config.odometry.source == "wheel":
+    if config.odometry.source != "kiss":
         raise ConfigError(
-            "odometry.source: wheel is for replays of recordings with odometry: a lidar alone has no wheels"
+            f"odometry.source: {config.odometry.source} is for replays of recordings with odometry or poses: a lidar or"
+            " a camera has no wheels"
         )
     clock = RunClock()
     warm_up()
-    with search_thread() as background, _started_lidar(port, config, clock) as (lidar, stream):
+    with search_thread() as background, started_sensors(lidar_port, camera_port, config, clock) as sensors:
         folder = new_folder()
-        laser_pose = _laser_pose(config, stream.stamp_ns)
-        mount, _ = resolve_mount([laser_pose], config, None, LASER_FRAME)
+        depth = _depth_flow(sensors, config)
+        mount = _scanner_mount(sensors, config)
         live = record and config.grid.live_s > 0
-        flow = MappingFlow(config, mount, background=background, resume=resume, live=live)
+        flow = MappingFlow(config, mount, background=background, resume=resume, live=live, depth=depth)
         localisation = None if map_file is None else Localisation(map_file, mount.pose[:2])
-        recorder = _start_recording(folder / RECORDING_NAME, config, clock, stream, laser_pose) if record else None
+        recorder = _start_recording(folder / RECORDING_NAME, config, clock, sensors) if record else None
         put: Callable[[Recordable], None] = _discard if recorder is None else recorder.put
         try:
             on_mapped = _OnMapped(flow, localisation, put, config.grid.live_s)
-            outcome = run_live(lidar, flow, stop, put=put, on_mapped=on_mapped, release=lidar.close)
+            outcome = run_live(
+                sensors.lidar,
+                flow,
+                stop,
+                put=put,
+                on_mapped=on_mapped,
+                release=sensors.close,
+                camera=sensors.camera,
+            )
             if len(flow.mapper.trajectory):
-                put(grid_snapshot(flow.mapper.grid(), int(flow.mapper.trajectory.stamps_ns[-1])))
+                put(grid_snapshot(flow.maps()["map"], int(flow.mapper.trajectory.stamps_ns[-1])))
         finally:
             recorded = None if recorder is None else recorder.close()
-    details = _session_details(stream, outcome, recorded)
+    details = _session_details(sensors, outcome, recorded)
     if localisation is not None:
         details["localisation"] = localisation.save(folder)
-    report = save_results(folder, flow, port, details, save_state=True)
+    if depth is not None:
+        details["depth"] = {**depth.summary(), "dropped_before_mapping": outcome.dropped_images}
+    source = " and ".join(port for port in (lidar_port, camera_port) if port is not None)
+    report = save_results(folder, flow, source, details, save_state=True)
     asked = stop.asked
     if config.slam.refine and report["trajectory"]["poses"]:
         log.info("saved; refining the map (Ctrl-C again to leave that out)")
         if flow.refine(lambda: stop.asked > asked):
-            report = save_results(folder, flow, port, details, save_state=True)
+            report = save_results(folder, flow, source, details, save_state=True)
     for line in lost_pieces(report):
         log.warning("%s", line)
     _log_end(report, folder)
     return report, outcome.fault
 
 
-def record_session(port: str, config: Config, path: Path, stop: threading.Event) -> tuple[Report, DriverError | None]:
+def record_session(
+    lidar_port: str | None, config: Config, path: Path, stop: threading.Event, *, camera_port: str | None = None
+) -> tuple[Report, DriverError | None]:
     """Record until `stop`; return the report and the fault that ended the recording early."""
     clock = RunClock()
-    with _started_lidar(port, config, clock) as (lidar, stream):
-        recorder = _start_recording(path, config, clock, stream, _laser_pose(config, stream.stamp_ns))
+    with started_sensors(lidar_port, camera_port, config, clock) as sensors:
+        recorder = _start_recording(path, config, clock, sensors)
         try:
-            outcome = record_live(lidar, stop, put=recorder.put)
+            outcome = record_live(sensors.lidar, stop, put=recorder.put, camera=sensors.camera)
         finally:
             recorded = recorder.close()
-    report = _session_details(stream, outcome, recorded)
-    log.info("%s: %d bytes, %s scans", path, recorded.bytes, recorded.written.get("/scan", 0))
+    report = _session_details(sensors, outcome, recorded)
+    written = ", ".join(f"{count} on {topic}" for topic, count in sorted(recorded.written.items()))
+    log.info("%s: %d bytes; %s", path, recorded.bytes, written)
     return report, outcome.fault
 
 
-@contextmanager
-def _started_lidar(port: str, config: Config, clock: RunClock) -> Iterator[tuple[Rplidar, LidarStream]]:
-    """Open, check and start the lidar; stop and close it at the end. Raises DriverError."""
-    section = config.lidar
-    with open_rplidar(port, baud=section.baud, clock=clock) as lidar:
-        stream = lidar.start(section.mode, section.motor_pwm)
-        log.info(
-            "RPLIDAR %s at %s, %d baud%s: firmware %s, serial %s; mode %s, %.0f samples a second",
-            stream.model,
-            port,
-            stream.baud,
-            " (EMULATED: simulated data)" if is_emulated(stream.serial) else "",
-            stream.firmware,
-            stream.serial,
-            stream.mode,
-            1e6 / stream.sample_us,
-        )
-        yield lidar, stream
+def _scanner_mount(sensors: LiveSensors, config: Config) -> Mount:
+    """Return where the scans that the car is located by are taken from."""
+    places = [*sensors.places]
+    if sensors.lidar is None:
+        return scan_mount(resolve_camera_mount(places, config, None, CAMERA_FRAME)[0])
+    return resolve_mount(places, config, None, LASER_FRAME)[0]
 
 
-def _laser_pose(config: Config, stamp_ns: int) -> Transform:
-    """Return the configured pose of the laser as the static transform that live run and replay both start from.
-
-    Its stamp must not be later than the stream's first bytes, which replay reads in the order of time.
-    """
-    mount = config.lidar.mount
-    pose = np.array([mount.x_m, mount.y_m, mount.z_m, mount.yaw_rad])
-    return planar_transform(stamp_ns, "base_link", LASER_FRAME, pose, inverted=mount.inverted)
+def _depth_flow(sensors: LiveSensors, config: Config) -> DepthFlow | None:
+    if sensors.camera is None:
+        return None
+    mount, _ = resolve_camera_mount([*sensors.places], config, None, CAMERA_FRAME)
+    return DepthFlow(config, lambda _: mount, alone=sensors.lidar is None)
 
 
-def _start_recording(
-    path: Path, config: Config, clock: RunClock, stream: LidarStream, laser_pose: Transform
-) -> McapRecorder:
-    """Create the recording and enter what replay needs before the first byte: configuration, clock, laser pose."""
+def _start_recording(path: Path, config: Config, clock: RunClock, sensors: LiveSensors) -> McapRecorder:
+    """Create the recording and enter what replay needs before the first byte: configuration, clock, sensors' places."""
     recorder = McapRecorder(
         path,
         metadata={
             CONFIG_RECORD: {"json": json.dumps(config.model_dump(exclude={"replay"}))},
             "mapfuse.clock": {"wall_minus_monotonic_ns": str(clock.offset_ns)},
-            "mapfuse.origin": {"simulated": str(is_emulated(stream.serial)).lower(), "lidar_serial": stream.serial},
+            "mapfuse.origin": sensors.origin,
         },
     )
-    recorder.put(laser_pose)
+    for place in sensors.places:
+        recorder.put(place)
     return recorder
 
 
@@ -187,16 +193,16 @@ class _OnMapped:
             self._put(grid_snapshot(live.grid(), stamp_ns))
 
 
-def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: RecordingReport | None) -> Report:
+def _session_details(sensors: LiveSensors, outcome: LiveOutcome, recorded: RecordingReport | None) -> Report:
     """Return what only a live session knows."""
     if outcome.dropped_scans:
         log.warning("%d scans were dropped: mapping was too slow for them", outcome.dropped_scans)
     details: Report = {
-        "simulated": is_emulated(stream.serial),
-        "lidar": {"model": stream.model, "firmware": stream.firmware, "serial": stream.serial, "mode": stream.mode},
+        **sensors.summary(),
         "dropped_scans": outcome.dropped_scans,
         "decoder": decoding_summary(outcome.streams),
         "fault": None if outcome.fault is None else str(outcome.fault),
+        "camera_fault": None if outcome.camera_fault is None else str(outcome.camera_fault),
     }
     if recorded is not None:
         details["recording"] = {
@@ -214,9 +220,9 @@ def _session_details(stream: LidarStream, outcome: LiveOutcome, recorded: Record
 
 
 def session_is_whole(report: Report) -> bool:
-    """Whether no scan was dropped and nothing is missing from the recording, if one was asked for."""
+    """Whether no scan was dropped, no camera lost, and nothing is missing from the recording, if one was asked for."""
     recording = report.get("recording") or {"error": None, "dropped": {}}
-    return not (report["dropped_scans"] or recording["error"] or recording["dropped"])
+    return not (report["dropped_scans"] or report["camera_fault"] or recording["error"] or recording["dropped"])
 
 
 def _log_end(report: Report, folder: Path) -> None:

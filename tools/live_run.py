@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import queue
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +22,9 @@ FloatArray = NDArray[np.float64]
 Put = Callable[[Recordable], None]
 
 QUEUE_SCANS = 200  # 20 s of a lidar at 10 turns a second
+QUEUE_IMAGES = 15  # half a second of a camera beside a lidar; alone it has 1: the latest one counts
+
+log = logging.getLogger(__name__)
 
 
 class LiveSource(Protocol):
@@ -35,44 +39,50 @@ class LiveSource(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class LiveOutcome:
-    """How a live run ended: scans that mapping was too slow for, what the decoder saw, and the fault that ended it."""
+    """How a live run ended: scans that mapping was too slow for, what the decoder saw, and the fault that ended it.
+
+    dropped_images: depth images that mapping left out because newer ones came; camera_fault: a camera that was lost
+    while the lidar went on.
+    """
 
     dropped_scans: int
     streams: list[DecoderCounters]
     fault: DriverError | None
+    dropped_images: int = 0
+    camera_fault: DriverError | None = None
 
 
 class SensorThread:
-    """Reads a lidar to its end: every message goes to the recorder as it came, its scans into a bounded queue."""
+    """Reads a sensor to its end: every message goes to the recorder, scans and images into a bounded queue too."""
 
-    def __init__(self, lidar: LiveSource, put: Put, *, queue_scans: int = QUEUE_SCANS) -> None:
+    def __init__(self, sensor: LiveSource, put: Put, *, queue_scans: int = QUEUE_SCANS, name: str = "lidar") -> None:
         self.fault: DriverError | None = None
         self.dropped_scans = 0
         self._failure: Exception | None = None
         self.decoding = LidarDecoding()
-        self._lidar = lidar
+        self._sensor = sensor
         self._put = put
         self._scans: queue.Queue[Message] = queue.Queue(queue_scans)
-        self._thread = threading.Thread(target=self._read, name="lidar", daemon=True)
+        self._thread = threading.Thread(target=self._read, name=name, daemon=True)
 
     def start(self) -> None:
         """Begin to read."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Ask the lidar for no more and wait until its last bytes are decoded."""
-        self._lidar.request_stop()
+        """Ask the sensor for no more and wait until its last bytes are decoded."""
+        self._sensor.request_stop()
         self._thread.join()
         if self._failure is not None:
             raise self._failure
 
     @property
     def running(self) -> bool:
-        """False once the lidar has ended or failed."""
+        """False once the sensor has ended or failed."""
         return self._thread.is_alive()
 
     def take(self, timeout_s: float) -> Message | None:
-        """Return the oldest scan that waits, None where there is none within the time."""
+        """Return the oldest scan or image that waits, None where there is none within the time."""
         try:
             return self._scans.get(timeout=timeout_s)
         except queue.Empty:
@@ -80,7 +90,7 @@ class SensorThread:
 
     def _read(self) -> None:
         try:
-            for message in self._lidar:
+            for message in self._sensor:
                 self._put(message)
                 for decoded in self.decoding.feed(message):
                     if isinstance(decoded, LaserScan):
@@ -102,51 +112,116 @@ class SensorThread:
                 return
 
 
+class LiveReading:
+    """The threads of a session's sensors: the first one's scans are waited for, the camera's images taken along.
+
+    Either may be missing, but not both.
+    """
+
+    def __init__(self, lidar: LiveSource | None, camera: LiveSource | None, put: Put) -> None:
+        self._lidar = None if lidar is None else SensorThread(lidar, put)
+        queue_images = 1 if lidar is None else QUEUE_IMAGES
+        self._camera = None if camera is None else SensorThread(camera, put, queue_scans=queue_images, name="camera")
+        first = self._lidar or self._camera
+        assert first is not None
+        self._first = first
+        self._threads = [thread for thread in (self._lidar, self._camera) if thread is not None]
+        self._told = False
+
+    def start(self) -> None:
+        """Begin to read."""
+        for thread in self._threads:
+            thread.start()
+
+    def stop(self) -> None:
+        """Ask for no more and wait until the last message is there; raises what no driver should."""
+        for thread in self._threads:
+            thread.stop()
+
+    @property
+    def running(self) -> bool:
+        """False once the first sensor has ended or failed; a camera beside a lidar may fail."""
+        self._tell_lost_camera()
+        return self._first.running
+
+    def take(self, timeout_s: float) -> list[Message]:
+        """Return what waits: a scan, for which time is given, and all images that came with it."""
+        first = self._first.take(timeout_s)
+        messages = [] if first is None else [first]
+        if self._camera is not None and self._camera is not self._first:
+            while (image := self._camera.take(0.0)) is not None:
+                messages.append(image)
+        return messages
+
+    def outcome(self) -> LiveOutcome:
+        """Return how it went, after stop()."""
+        lidar, camera = self._lidar, self._camera
+        self._tell_lost_camera()
+        return LiveOutcome(
+            dropped_scans=0 if lidar is None else lidar.dropped_scans,
+            streams=[] if lidar is None else lidar.decoding.counters,
+            fault=self._first.fault,
+            dropped_images=0 if camera is None else camera.dropped_scans,
+            camera_fault=None if camera is None or lidar is None else camera.fault,
+        )
+
+    def _tell_lost_camera(self) -> None:
+        camera = self._camera
+        if camera is not None and camera is not self._first and camera.fault is not None and not self._told:
+            self._told = True
+            log.warning("the run goes on without the camera: %s", camera.fault)
+
+
 def run_live(
-    lidar: LiveSource,
+    lidar: LiveSource | None,
     flow: MappingFlow,
     stop: threading.Event,
     *,
     put: Put,
     on_mapped: Callable[[MappedScan], None],
     release: Callable[[], None] = lambda: None,
+    camera: LiveSource | None = None,
 ) -> LiveOutcome:
-    """Map until `stop` is set or the lidar fails, then release the lidar and map what was still on the way."""
-    sensor = SensorThread(lidar, put)
-    sensor.start()
-    while sensor.running and not stop.is_set():
-        _map_next(sensor, flow, put, on_mapped, timeout_s=0.1)
-    sensor.stop()
+    """Map until `stop` is set or the lidar fails, then release the sensors and map what was still on the way.
+
+    Without a lidar the camera decides when it ends.
+    """
+    reading = LiveReading(lidar, camera, put)
+    reading.start()
+    while reading.running and not stop.is_set():
+        _map_next(reading, flow, put, on_mapped, timeout_s=0.1)
+    reading.stop()
     release()
-    while _map_next(sensor, flow, put, on_mapped, timeout_s=0.0):
+    while _map_next(reading, flow, put, on_mapped, timeout_s=0.0):
         pass
     for mapped in flow.finish():
         on_mapped(mapped)
-    return LiveOutcome(sensor.dropped_scans, sensor.decoding.counters, sensor.fault)
+    return reading.outcome()
 
 
-def record_live(lidar: LiveSource, stop: threading.Event, *, put: Put) -> LiveOutcome:
-    """Record until `stop` is set or the lidar fails."""
-    sensor = SensorThread(lidar, put)
-    sensor.start()
-    while sensor.running and not stop.is_set():
-        sensor.take(0.1)
-    sensor.stop()
-    return LiveOutcome(0, sensor.decoding.counters, sensor.fault)
+def record_live(
+    lidar: LiveSource | None, stop: threading.Event, *, put: Put, camera: LiveSource | None = None
+) -> LiveOutcome:
+    """Record until `stop` is set or the lidar fails; without a lidar, the camera."""
+    reading = LiveReading(lidar, camera, put)
+    reading.start()
+    while reading.running and not stop.is_set():
+        reading.take(0.1)
+    reading.stop()
+    return replace(reading.outcome(), dropped_scans=0, dropped_images=0)
 
 
 def _map_next(
-    sensor: SensorThread, flow: MappingFlow, put: Put, on_mapped: Callable[[MappedScan], None], *, timeout_s: float
+    reading: LiveReading, flow: MappingFlow, put: Put, on_mapped: Callable[[MappedScan], None], *, timeout_s: float
 ) -> bool:
-    """Map one waiting scan; False where none came."""
-    message = sensor.take(timeout_s)
-    if message is None:
-        return False
-    for mapped in flow.feed(message):
-        for transform in pose_transforms(mapped):
-            put(transform)
-        on_mapped(mapped)
-    return True
+    """Map what waits; False where nothing came."""
+    messages = reading.take(timeout_s)
+    for message in messages:
+        for mapped in flow.feed(message):
+            for transform in pose_transforms(mapped):
+                put(transform)
+            on_mapped(mapped)
+    return bool(messages)
 
 
 def pose_transforms(mapped: MappedScan) -> tuple[Transform, Transform]:

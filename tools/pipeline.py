@@ -15,21 +15,27 @@ from typing import TypeVar
 
 import numpy as np
 
-from drivers.messages import LaserScan, LidarStream, Message, Odometry, RawChunk, Transform
+from drivers.messages import DepthImage, LaserScan, LidarStream, Message, Odometry, RawChunk, Transform
 from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
 from mapping.background import Background, at_once
-from mapping.frames import find_mount
+from mapping.depth_grid import add_grids
+from mapping.depth_projection import CameraMount
+from mapping.frames import find_mount, find_pose
 from mapping.graph_slam import GraphSettings
 from mapping.graph_state import GraphState
+from mapping.grid import OccupancyGrid
 from mapping.loop_closure import LoopSettings
 from mapping.mount import Mount
 from mapping.slam import MappedScan, Mapper, MappingSettings
 from mapping.sweep import TRIAL_SCANS, SweepVerdict, detect_sweep, reverse_sweep
 from tools.config import Config
+from tools.depth_flow import DepthFlow
 
 LASER_FRAME = "laser"  # of our own driver
+CAMERA_FRAME = "camera_depth_optical_frame"
 BASE_FRAMES = ("base_link", "base_footprint")
 _LOOK_AHEAD_CHUNKS = 200
+_LOOK_AHEAD_IMAGES = 300  # of a recording in which no scan has come by then
 _BACKGROUND_THREADS = 2  # a search for loops does not wait for a refinement
 
 _T = TypeVar("_T")
@@ -71,13 +77,15 @@ class MappingFlow:
         background: Background = at_once,
         resume: GraphState | None = None,
         live: bool = False,
+        depth: DepthFlow | None = None,
     ) -> None:
         self.mapper = Mapper(config.mapping_settings(), mount, background, live=live)
         if resume is not None:
             self.mapper.resume(resume)
+        self.depth = depth
         self.refined = False
         self.scans = 0
-        self._wants_refinement = config.slam.refine and config.odometry.source != "wheel"
+        self._wants_refinement = config.slam.refine and config.odometry.source == "kiss"
         self.seconds: list[float] = []
         self.finish_s = self.refine_s = 0.0
         self._sweep_reversed = sweep_reversed
@@ -85,6 +93,11 @@ class MappingFlow:
     def feed(self, message: Message) -> list[MappedScan]:
         """Take in one message; return the scans that could be mapped with it."""
         started = time.perf_counter()
+        if isinstance(message, DepthImage) and self.depth is not None:
+            seen = self.depth.add_image(message)
+            if seen is None:
+                return []
+            message = seen
         if isinstance(message, LaserScan):
             self.scans += 1
             mapped = self.mapper.add_scan(reverse_sweep(message) if self._sweep_reversed else message)
@@ -92,6 +105,7 @@ class MappingFlow:
             mapped = self.mapper.add_odometry(message)
         else:
             return []
+        self._place_views(mapped)
         if mapped:
             self.seconds.append((time.perf_counter() - started) / len(mapped))
         return mapped
@@ -100,6 +114,9 @@ class MappingFlow:
         """Map what still waits and close the last loops; call once after the last message."""
         started = time.perf_counter()
         mapped = self.mapper.finish()
+        self._place_views(mapped)
+        if self.depth is not None:
+            self.depth.views.finish()
         self.finish_s = time.perf_counter() - started
         return mapped
 
@@ -109,6 +126,24 @@ class MappingFlow:
         self.refined = self._wants_refinement and self.mapper.refine(cancelled)
         self.refine_s = time.perf_counter() - started
         return self.refined
+
+    def maps(self) -> dict[str, OccupancyGrid]:
+        """Return all maps by name, as they are known by now: `map` first, that of the sensor that gives the poses.
+
+        With a lidar and a camera also `depth_map`, what the camera saw from the lidar's poses, and `both_map`.
+        """
+        if self.depth is None:
+            return {"map": self.mapper.grid()}
+        seen = self.depth.grid(self.mapper.trajectory)
+        if self.depth.alone:
+            return {"map": seen}
+        measured = self.mapper.grid()
+        return {"map": measured, "depth_map": seen, "both_map": add_grids(measured, seen)}
+
+    def _place_views(self, mapped: list[MappedScan]) -> None:
+        if self.depth is not None:
+            for scan in mapped:
+                self.depth.views.add_pose(scan.stamp_ns, scan.match.pose)
 
 
 @contextmanager
@@ -124,18 +159,21 @@ def search_thread() -> Iterator[Background]:
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What must be known before the first scan: where the laser sits, and how it really sweeps."""
+    """What must be known before the first scan: where laser and camera sit, and how the laser really sweeps."""
 
     mount: Mount
     mount_source: str
     sweep: SweepVerdict
+    camera: CameraMount
+    camera_source: str
 
 
 def look_ahead(messages: Iterable[Message], config: Config) -> Setup:
-    """Read the beginning of a recording for the laser's pose, from /tf_static or else the config, and its sweep."""
+    """Read the beginning of a recording for the sensors' poses, from /tf_static or else the config, and the sweep."""
     transforms: list[Transform] = []
     scans: list[LaserScan] = []
     base_frame, laser_frame, chunks = config.replay.base_frame, LASER_FRAME, 0
+    camera_frame, images = CAMERA_FRAME, 0
     for message in messages:
         if isinstance(message, Transform) and message.static:
             transforms.append(message)
@@ -146,8 +184,10 @@ def look_ahead(messages: Iterable[Message], config: Config) -> Setup:
         elif isinstance(message, LaserScan):
             laser_frame = message.frame_id
             scans.append(message)
+        elif isinstance(message, DepthImage):
+            camera_frame, images = message.frame_id, images + 1
         chunks += isinstance(message, RawChunk)
-        if len(scans) >= TRIAL_SCANS or chunks >= _LOOK_AHEAD_CHUNKS:
+        if len(scans) >= TRIAL_SCANS or chunks >= _LOOK_AHEAD_CHUNKS or (images >= _LOOK_AHEAD_IMAGES and not scans):
             break
     mount, source = resolve_mount(transforms, config, base_frame, laser_frame)
     if chunks:
@@ -156,18 +196,35 @@ def look_ahead(messages: Iterable[Message], config: Config) -> Setup:
         sweep = detect_sweep(scans, config.mapping_settings(), mount)
     else:
         sweep = SweepVerdict(is_reversed=config.replay.sweep == "reversed", reason="set in the configuration")
-    return Setup(mount, source, sweep)
+    camera, camera_source = resolve_camera_mount(transforms, config, base_frame, camera_frame)
+    return Setup(mount, source, sweep, camera, camera_source)
 
 
 def resolve_mount(
     transforms: list[Transform], config: Config, base_frame: str | None, laser_frame: str
 ) -> tuple[Mount, str]:
     """Return the laser's mount and where it was found."""
-    for base in dict.fromkeys((base_frame, *BASE_FRAMES)) if base_frame else BASE_FRAMES:
+    for base in base_frames(base_frame):
         mount = find_mount(transforms, base, laser_frame)
         if mount is not None:
             return mount, f"/tf_static {base} -> {laser_frame}"
     return config.mount(), "config lidar.mount"
+
+
+def resolve_camera_mount(
+    transforms: list[Transform], config: Config, base_frame: str | None, camera_frame: str
+) -> tuple[CameraMount, str]:
+    """Return the depth camera's mount and where it was found."""
+    for base in base_frames(base_frame):
+        pose = find_pose(transforms, base, camera_frame)
+        if pose is not None:
+            return CameraMount.from_matrix4(pose), f"/tf_static {base} -> {camera_frame}"
+    return config.camera_mount(), "config depth.mount"
+
+
+def base_frames(first: str | None) -> tuple[str, ...]:
+    """Return what the car's body may be called, the first choice in front."""
+    return tuple(dict.fromkeys((first, *BASE_FRAMES))) if first else BASE_FRAMES
 
 
 def warm_up() -> None:

@@ -12,8 +12,10 @@ from drivers.recording_reader import Recording
 from mapping.graph_state import GraphState
 from mapping.slam import MappedScan
 from tools.config import Config, parse
+from tools.depth_flow import scan_mount
+from tools.depth_replay import DepthReplay
 from tools.localisation import Localisation
-from tools.pipeline import LidarDecoding, MappingFlow, look_ahead
+from tools.pipeline import LidarDecoding, MappingFlow, Setup, look_ahead
 from tools.results import Report, decoding_summary, lost_pieces, new_run_folder, save_results
 
 CONFIG_RECORD = "mapfuse.config"  # name of the metadata record that holds a run's configuration
@@ -44,22 +46,29 @@ def replay_recording(
 ) -> Report:
     """Map the recording, going on from an earlier drive where one is given, save the results and return the report.
 
-    Raises RecordingError where there is no lidar data in it; nothing is written then.
+    Raises RecordingError where there is neither lidar data nor depth in it; nothing is written then.
     """
     scan_topic = config.replay.scan_topic
-    if not recording.has_raw and recording.scan_topic is None and scan_topic is None:
-        held = ", ".join(sorted({topic.type for topic in recording.topics if topic.count}))
-        raise RecordingError(f"{recording.path}: no LaserScan and no raw lidar bytes to map; it holds {held}")
-    if config.odometry.source == "wheel" and recording.odometry_topic is None:
-        raise RecordingError(f"{recording.path}: no nav_msgs/msg/Odometry in it; leave out --odometry wheel")
+    _refuse_unmappable(recording, config)
     setup = look_ahead(recording.messages(scan_topic), config)
-    on_progress(f"laser pose from {setup.mount_source}; order of samples: {setup.sweep.reason}")
+    has_lidar = _has_lidar(recording, config)
+    if has_lidar:
+        on_progress(f"laser pose from {setup.mount_source}; order of samples: {setup.sweep.reason}")
+    if recording.depth_topic is not None:
+        on_progress(f"camera pose from {setup.camera_source}")
+    camera = DepthReplay(recording, config, setup, has_lidar=has_lidar)
     decoding = LidarDecoding()
-    flow = MappingFlow(config, setup.mount, sweep_reversed=setup.sweep.is_reversed, resume=resume)
+    flow = MappingFlow(
+        config,
+        setup.mount if has_lidar else scan_mount(setup.camera),
+        sweep_reversed=setup.sweep.is_reversed,
+        resume=resume,
+        depth=camera.flow,
+    )
     started = shown = time.monotonic()
     last: MappedScan | None = None
-    localisation = None if map_file is None else Localisation(map_file, setup.mount.pose[:2])
-    for message in recording.messages(scan_topic):
+    localisation = None if map_file is None else Localisation(map_file, flow.mapper.mount.pose[:2])
+    for message in camera.messages(scan_topic):
         for decoded in decoding.feed(message):
             for mapped in flow.feed(decoded):
                 last = mapped
@@ -85,16 +94,8 @@ def replay_recording(
             "truncated": recording.truncated,
             "problems": recording.problems,
             "skipped_types": recording.skipped,
-            "scan_source": scan_topic or recording.scan_topic or "raw bytes",
-            "laser_pose": {
-                "source": setup.mount_source,
-                "x_m": float(setup.mount.pose[0]),
-                "y_m": float(setup.mount.pose[1]),
-                "yaw_rad": float(setup.mount.pose[2]),
-                "inverted": setup.mount.inverted,
-            },
-            "sweep": {"reversed": setup.sweep.is_reversed, "reason": setup.sweep.reason},
-            "decoder": decoding_summary(decoding.counters),
+            **(_lidar_details(recording, config, setup, decoding) if has_lidar else {}),
+            **camera.details(),
             **({} if localisation is None else {"localisation": localisation.save(folder)}),
         },
         save_state=save_state,
@@ -105,10 +106,38 @@ def replay_recording(
     return report
 
 
+def _lidar_details(recording: Recording, config: Config, setup: Setup, decoding: LidarDecoding) -> Report:
+    return {
+        "scan_source": config.replay.scan_topic or recording.scan_topic or "raw bytes",
+        "laser_pose": {
+            "source": setup.mount_source,
+            "x_m": float(setup.mount.pose[0]),
+            "y_m": float(setup.mount.pose[1]),
+            "yaw_rad": float(setup.mount.pose[2]),
+            "inverted": setup.mount.inverted,
+        },
+        "sweep": {"reversed": setup.sweep.is_reversed, "reason": setup.sweep.reason},
+        "decoder": decoding_summary(decoding.counters),
+    }
+
+
+def _has_lidar(recording: Recording, config: Config) -> bool:
+    return recording.has_raw or recording.scan_topic is not None or config.replay.scan_topic is not None
+
+
+def _refuse_unmappable(recording: Recording, config: Config) -> None:
+    """Raise RecordingError for a recording without what is to be mapped, or without the poses that are asked for."""
+    if not _has_lidar(recording, config) and recording.depth_topic is None:
+        held = ", ".join(sorted({topic.type for topic in recording.topics if topic.count}))
+        raise RecordingError(f"{recording.path}: no LaserScan, raw lidar bytes or depth to map; it holds {held}")
+    if config.odometry.source == "wheel" and recording.odometry_topic is None:
+        raise RecordingError(f"{recording.path}: no nav_msgs/msg/Odometry in it; leave out --odometry wheel")
+
+
 def _refuse_unmapped(recording: Recording, flow: MappingFlow, last: MappedScan | None) -> None:
     """Raise RecordingError where nothing came of the scans, with the reason for the last of them."""
     if not flow.scans:
-        raise RecordingError(f"{recording.path}: its lidar data does not make up one scan; nothing to map")
+        raise RecordingError(f"{recording.path}: its data does not make up one scan; nothing to map")
     if not flow.mapper.counters.mapped:
         why = last.match.reason if last is not None else "all partial or out of order"
         raise RecordingError(f"{recording.path}: none of its {flow.scans} scans can be mapped: {why}")

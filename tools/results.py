@@ -82,9 +82,10 @@ def save_results(
 ) -> Report:
     """Write map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum and report.json; return the report.
 
-    save_state: also slam_state.npz, from which another run can go on. Raises ToolError.
+    With a lidar and a camera also depth_map.* and both_map.*. save_state: also slam_state.npz, from which another run
+    can go on. Raises ToolError.
     """
-    grid, trajectory = flow.mapper.grid(), flow.mapper.trajectory
+    maps, trajectory = flow.maps(), flow.mapper.trajectory
     span_s = float(np.ptp(trajectory.stamps_ns)) * 1e-9 if len(trajectory) else 0.0
     counters = asdict(flow.mapper.counters)
     report: Report = {
@@ -96,16 +97,17 @@ def save_results(
             "length_m": round(trajectory.length_m, 3),
             "end": _pose_summary(trajectory.poses[-1]) if len(trajectory) else None,
         },
-        "map": _map_summary(grid),
+        **{name: _map_summary(grid) for name, grid in maps.items()},
         "slam": _slam_summary(flow),
         "timing": _timing(flow.seconds, span_s),
         **details,
     }
     with writing_to(folder):
-        write_map(folder / "map", grid, provenance={"source": source})
+        for name, grid in maps.items():
+            write_map(folder / name, grid, provenance={"source": source})
+            write_picture(folder / f"{name}.png", draw_map(grid, trajectory))
         write_tum(folder / "trajectory.tum", trajectory)
-        write_picture(folder / "map.png", draw_map(grid, trajectory))
-        write_picture(folder / "pose_graph.png", draw_pose_graph(grid, flow.mapper.graph.pose_graph()))
+        write_picture(folder / "pose_graph.png", draw_pose_graph(maps["map"], flow.mapper.graph.pose_graph()))
         if save_state and len(flow.mapper.graph.keyframe_poses):
             write_state(folder / STATE_NAME, flow.mapper.graph.state())
         partial = folder / "report.json.part"

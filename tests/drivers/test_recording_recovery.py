@@ -14,7 +14,8 @@ from drivers.messages import LidarStream, Odometry, RawChunk, Recordable
 from drivers.recording_reader import open_recording
 from drivers.recording_recovery import check, recover
 from drivers.recording_writer import McapRecorder
-from drivers.ros_codec import ODOMETRY_TYPE, encode, schema_text
+from drivers.ros_codec import ODOMETRY_TYPE, encode
+from drivers.ros_store import schema_text
 
 START_NS = 1_700_000_000_000_000_000
 STREAM = LidarStream(START_NS, "A2M8", "1.29", 7, "AB12", 115200, "Boost", 0x84, 126.0, 12.0)

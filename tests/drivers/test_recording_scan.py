@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drivers.messages import LaserScan
-from drivers.recording_scan import BIN_COUNTS, BinnedScan, bin_count, bin_scan, unbin_scan
+from drivers.recording_scan import BIN_COUNTS, BinnedScan, bin_count, bin_scan, even_scan, unbin_scan
 
 
 def turn(samples=800, first_deg=-0.2, clockwise=True, period_s=0.1, ranges=None, span_deg=360.0, **fields):
@@ -146,3 +147,32 @@ def test_no_return_is_invented(samples, bins):
 
     assert len(back.ranges_m) == bins
     assert set(back.ranges_m[back.valid]) <= set(scan.ranges_m[scan.valid])
+
+
+@pytest.mark.parametrize("clockwise", [True, False])
+@pytest.mark.parametrize("period_s", [0.0, 0.1])
+def test_a_part_of_a_turn_at_constant_steps_survives_as_it_is(clockwise, period_s):
+    ranges = np.linspace(0.5, 90.0, 682)
+    scan = turn(682, -119.5 if not clockwise else 119.5, clockwise, period_s, ranges, span_deg=238, intensities=ranges)
+    rays = even_scan(scan)
+    assert rays is not None
+    back = unbinned(rays)
+    assert back.stamp_ns == scan.stamp_ns
+    assert back.angles_rad == pytest.approx(scan.angles_rad, abs=1e-9)
+    assert back.offsets_s == pytest.approx(scan.offsets_s, abs=1e-12)
+    assert back.ranges_m.tolist() == ranges.tolist()
+    assert back.intensities.tolist() == ranges.tolist()
+
+
+@pytest.mark.parametrize("name", ["angles_rad", "offsets_s"])
+def test_uneven_scans_have_no_constant_steps(name):
+    scan = turn(100, span_deg=90)
+    values = getattr(scan, name).copy()
+    values[50] += 1e-4
+    assert even_scan(scan) is not None
+    assert even_scan(replace(scan, **{name: values})) is None
+
+
+def test_a_scan_of_one_sample_or_none_has_no_step():
+    assert even_scan(turn(1)) is None
+    assert even_scan(turn(0)) is None

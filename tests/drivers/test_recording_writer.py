@@ -17,7 +17,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, LaserScan, LidarStream, Odometry, RawChunk, Transform
+from drivers.messages import DepthImage, GridSnapshot, LaserScan, LidarStream, Odometry, Pinhole, RawChunk, Transform
 from drivers.recording_reader import open_recording
 from drivers.recording_writer import McapRecorder
 
@@ -155,6 +155,31 @@ def test_log_times_keep_the_order_in_which_messages_were_put(tmp_path):
 
     assert kinds == ["LidarStream", "RawChunk", "Odometry", "RawChunk"]
     assert stamps[2] == late.stamp_ns
+
+
+def test_depth_images_that_wait_for_the_disk_leave_room_for_the_rest(tmp_path):
+    def depth(index):
+        return DepthImage(START_NS + index, np.zeros((1, 2), np.uint16), 0.001, Pinhole(2, 1, 1.0, 1.0, 0.5, 0.5))
+
+    BlockedFile.released.clear()
+    recorder = McapRecorder(
+        tmp_path / "run.mcap",
+        metadata=METADATA,
+        depth_limit=3,
+        open_file=lambda path: io.BufferedWriter(BlockedFile(path, "xb")),
+    )
+    for index in range(30):
+        recorder.put(depth(index))
+        recorder.put(raw(index))
+    BlockedFile.released.set()
+    while recorder.waiting_depth:
+        time.sleep(0.001)
+    recorder.put(depth(40))
+    report = recorder.close()
+
+    topic = "/camera/depth/image_rect_raw"
+    assert report.written == {"/lidar/raw": 30, topic: 4}
+    assert report.dropped == {topic: 27}
 
 
 def test_a_full_queue_drops_and_counts_per_topic_without_waiting(tmp_path):

@@ -27,9 +27,8 @@ from drivers.ros_codec import (
     is_decodable,
     is_latched,
     ros_type,
-    schema_text,
-    type_hash,
 )
+from drivers.ros_store import schema_text, type_hash
 
 STAMP_NS = 1_700_000_000_123_456_789
 STREAM = LidarStream(STAMP_NS, "A2M8", "1.29", 7, "AB12", 115200, "Boost", 0x84, 126.0, 12.0)

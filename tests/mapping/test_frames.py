@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from drivers.messages import Transform
 from mapping import se2
 from mapping.errors import MappingError
-from mapping.frames import find_mount, planar_transform
+from mapping.frames import find_mount, find_pose, planar_transform
 
 FloatArray = NDArray[np.float64]
 
@@ -90,3 +90,22 @@ def test_a_tilted_laser_is_refused(tilt_deg: float, accepted: bool) -> None:
         return
     with pytest.raises(MappingError, match=f"tilted by {tilt_deg:.0f} deg"):
         find_mount([transform], "base_link", "laser")
+
+
+def test_a_tilted_sensor_s_whole_pose_is_found_where_its_mount_is_refused():
+    half = 0.2
+    tilted = Transform(
+        0,
+        "base_link",
+        "camera",
+        np.array([0.3, 0.0, 0.2]),
+        np.array([0.0, np.sin(half), 0.0, np.cos(half)]),
+        static=True,
+    )
+    found = find_pose([tilted], "/base_link", "camera")
+    assert found is not None
+    assert found[:3, 3] == pytest.approx([0.3, 0.0, 0.2])
+    assert found[:3, 0] == pytest.approx([np.cos(0.4), 0.0, -np.sin(0.4)])
+    assert find_pose([tilted], "base_link", "laser") is None
+    with pytest.raises(MappingError, match="tilted"):
+        find_mount([tilted], "base_link", "camera")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -12,8 +13,9 @@ from drivers.recording_reader import open_recording
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import A2M8
 from tools.config import ConfigError, parse
+from tools.emulated_camera import EmulatedCar
 from tools.emulation import Drive, simulated_lidar
-from tools.lidar_session import run_session
+from tools.lidar_session import run_session, session_is_whole
 from tools.replay_run import recorded_config, replay_recording
 from tools.signals import Stop
 
@@ -65,3 +67,39 @@ def test_wheels_are_refused_before_the_port_is_opened(tmp_path):
             Stop(),
             record=True,
         )
+
+
+@pytest.mark.live
+def test_lidar_and_camera_of_one_car_and_the_same_maps_from_the_recording(tmp_path):
+    drive = Drive.tour("office")
+    ranger = simulated_lidar("office", drive, noise=True, seed=3)
+    emulator = RplidarEmulator(A2M8, ranger, startup_s=-0.2)
+    car = tmp_path / "car.json"
+    EmulatedCar("office", drive.truth, time.monotonic_ns() + 2 * 10**9).write(car)
+    config = parse({"depth": {"width": 424, "height": 240, "fps": 15}}, "test")
+    folder = tmp_path / "live"
+    folder.mkdir()
+    stop = Stop()
+    with PtyPort(emulator, A2M8.baud) as port:
+        threading.Timer(6.0, stop.set).start()
+        report, fault = run_session(port.name, config, lambda: folder, stop, record=True, camera_port=f"emulated:{car}")
+    assert fault is None
+    assert session_is_whole(report)
+    assert report["recording"]["written"]["/camera/depth/image_rect_raw"] == report["camera"]["frames"] > 30
+    with open_recording(folder / "recording.mcap") as recording:
+        replay_recording(recording, recorded_config(recording), tmp_path / "again", on_progress=lambda _: None)
+    for name in ("map", "depth_map", "both_map"):
+        live, again = (np.load(each / f"{name}.npz")["log_odds"] for each in (folder, tmp_path / "again"))
+        assert np.array_equal(live, again), name
+
+
+@pytest.mark.live
+def test_a_camera_alone_is_mapped_and_recorded(tmp_path):
+    config = parse({"depth": {"width": 424, "height": 240, "fps": 15}}, "test")
+    stop = Stop()
+    threading.Timer(6.0, stop.set).start()
+    report, fault = run_session(None, config, lambda: tmp_path, stop, record=True, camera_port="emulated:office")
+    assert fault is None
+    assert report["simulated"]
+    assert report["scans"]["mapped"] > 10
+    assert report["map"]["free_m2"] > 1.0

@@ -1,15 +1,21 @@
 from __future__ import annotations
 
 import threading
+from itertools import repeat
 
 import numpy as np
 import pytest
 
+from drivers.d435_emulated_stream import StreamFaults
+from drivers.d435_emulator import D435Emulator
+from drivers.depth_camera import DepthMode, open_depth_camera
 from drivers.errors import DeviceLostError
-from drivers.messages import LaserScan, Transform
+from drivers.messages import DepthImage, LaserScan, Pinhole, Transform
+from mapping.depth_projection import CameraMount, project
 from mapping.slam import MappedScan
 from tools.config import Config
-from tools.live_run import SensorThread, record_live, run_live
+from tools.depth_flow import DepthFlow
+from tools.live_run import LiveReading, SensorThread, record_live, run_live
 from tools.pipeline import MappingFlow
 
 TURN_S = 0.1
@@ -99,3 +105,55 @@ def test_recording_alone_passes_on_every_message():
     )
     assert len([message for message in put if isinstance(message, LaserScan)]) >= 3
     assert outcome.fault is not None
+
+
+def camera_that_is_lost(at):
+    """An emulated D435 on the real driver, which vanishes at a frame."""
+    image = np.full((240, 424), 1500, np.uint16)
+    emulator = D435Emulator(repeat(image), faults=StreamFaults(unplug_at=at))
+    return open_depth_camera(emulator.path, DepthMode(424, 240, 30), calls=emulator)
+
+
+@pytest.mark.live
+def test_a_lost_camera_does_not_end_a_run_that_has_a_lidar(caplog):
+    camera = camera_that_is_lost(at=3)
+    flow = MappingFlow(
+        Config(), Config().mount(), depth=DepthFlow(Config(), lambda _: CameraMount(), alone=False, projection=project)
+    )
+    put: list[object] = []
+    stop = threading.Event()
+    timer = threading.Timer(1.0, stop.set)
+    timer.start()
+    outcome = run_live(
+        ScriptedLidar([scan(n) for n in range(6)]),
+        flow,
+        stop,
+        put=put.append,
+        on_mapped=lambda _: None,
+        release=camera.close,
+        camera=camera,
+    )
+    assert outcome.fault is None
+    assert isinstance(outcome.camera_fault, DeviceLostError)
+    assert flow.mapper.counters.mapped == 6
+    assert sum(isinstance(message, DepthImage) for message in put) == 3, "all that came is recorded"
+    assert len([record for record in caplog.records if "goes on without the camera" in record.message]) == 1
+
+
+@pytest.mark.live
+def test_a_lost_camera_ends_a_run_that_has_nothing_else():
+    camera = camera_that_is_lost(at=3)
+    outcome = record_live(None, threading.Event(), put=lambda _: None, camera=camera)
+    camera.close()
+    assert isinstance(outcome.fault, DeviceLostError)
+    assert outcome.camera_fault is None
+
+
+def test_of_a_camera_alone_the_latest_image_counts():
+    camera = Pinhole(4, 3, 4.0, 4.0, 1.5, 1.0)
+    images = [DepthImage(n, np.zeros((3, 4), np.uint16), 0.001, camera) for n in range(10)]
+    reading = LiveReading(None, ScriptedLidar(images, DeviceLostError("x")), lambda _: None)
+    reading.start()
+    reading.stop()
+    assert [message.stamp_ns for message in reading.take(0.0)] == [9]
+    assert reading.outcome().dropped_images == 9

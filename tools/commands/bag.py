@@ -1,4 +1,4 @@
-"""`mapfuse-robot bag`: look into recordings, check and repair them."""
+"""`mapfuse-robot bag`: look into recordings, check, repair and convert them."""
 
 from __future__ import annotations
 
@@ -10,20 +10,31 @@ import typer
 from tools.commands.options import Json, print_json
 from tools.exit_codes import ExitCode
 
-app = typer.Typer(help="Look into recordings, check and repair them.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(
+    help="Look into recordings, check, repair and convert them.", no_args_is_help=True, rich_markup_mode=None
+)
 
 RecordingPath = Annotated[
     Path,
     typer.Argument(metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log."),
 ]
+Intrinsics = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="3x3 camera matrix of a folder of depth PNGs. [default: its camera-intrinsics.txt]"
+    ),
+]
+DepthUnit = Annotated[
+    float, typer.Option(min=1e-6, max=1.0, metavar="M", help="Metres per count of a folder of depth PNGs.")
+]
 
 
 @app.command()
-def info(recording: RecordingPath, as_json: Json = False) -> None:
+def info(recording: RecordingPath, intrinsics: Intrinsics = None, as_json: Json = False) -> None:
     """List topics, types and counts. Exit code 3: the recording is damaged, and this is what can be read."""
     from drivers.recording_reader import open_recording
 
-    with open_recording(recording) as opened:
+    with open_recording(recording, intrinsics=intrinsics) as opened:
         values: dict[str, object] = {
             "file": str(recording),
             "duration_s": round((opened.end_ns - opened.start_ns) * 1e-9, 3),
@@ -90,6 +101,47 @@ def recover(
         _echo_lines("damaged", report.problems)
         typer.echo(f"{destination}: {report.messages} messages saved, {report.lost_bytes} bytes lost")
     raise typer.Exit(ExitCode.PARTIAL if report.lost_bytes or report.problems else ExitCode.OK)
+
+
+@app.command()
+def convert(
+    recording: Annotated[
+        Path,
+        typer.Argument(
+            metavar="INPUT",
+            help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log, a .bag of the RealSense "
+            "SDK, a folder of depth PNGs.",
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT.mcap", help="The file to write; never overwritten.")
+    ],
+    intrinsics: Intrinsics = None,
+    depth_unit: DepthUnit = 0.001,
+    as_json: Json = False,
+) -> None:
+    """Turn a recording into one MCAP file. Exit code 3: the input is damaged, and this is what could be read."""
+    from drivers.recording_conversion import convert as convert_recording
+    from drivers.recording_reader import open_recording
+
+    with open_recording(recording, intrinsics=intrinsics, depth_unit_m=depth_unit) as opened:
+        report = convert_recording(opened, output)
+        damaged = opened.truncated or bool(report.problems)
+    if as_json:
+        print_json(
+            {
+                "file": str(output),
+                "messages": report.messages,
+                "topics": dict(report.topics),
+                "left_out": dict(report.left_out),
+                "problems": list(report.problems),
+            }
+        )
+    else:
+        _echo_lines("damaged", report.problems)
+        _echo_lines("left out", [f"{count} {name}" for name, count in report.left_out.items()])
+        typer.echo(f"{output}: {report.messages} messages on {', '.join(sorted(report.topics))}")
+    raise typer.Exit(ExitCode.PARTIAL if damaged else ExitCode.OK)
 
 
 def _echo_lines(label: str, lines: tuple[str, ...] | list[str]) -> None:

@@ -53,6 +53,10 @@ def lidar(
         Path | None, typer.Option(metavar="FILE", help="Write the true drive (TUM, wall-clock stamps) at the end.")
     ] = None,
     link: Annotated[Path | None, typer.Option(metavar="PATH", help="Make this a symbolic link to the port.")] = None,
+    car: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Say here where the car is, for its camera: `run --depth emulated:FILE`."),
+    ] = None,
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Range noise and missing returns.")] = True,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
     as_json: Json = False,
@@ -63,7 +67,7 @@ def lidar(
     first sample is asked for. One line for each event goes to stdout, the port's path first.
     """
     from drivers.rplidar_models import MODELS
-    from tools.emulation import Drive, serve_lidar, simulated_lidar
+    from tools.emulation import Drive, car_writer, serve_lidar, simulated_lidar
     from tools.results import check_new_file
     from tools.signals import stop_on_signals
     from tools.world import TOURS
@@ -74,8 +78,9 @@ def lidar(
         raise UsageError("--pose and --trajectory exclude each other: give one")
     if pose is not None and not all(math.isfinite(value) for value in pose):
         raise UsageError(f"--pose {pose[0]:g} {pose[1]:g} {pose[2]:g}: expected finite x and y in m and yaw in rad")
-    if truth is not None:
-        check_new_file(truth)
+    for file in (truth, car):
+        if file is not None:
+            check_new_file(file)
     toured, _ = TOURS[tour.value] if pose is None and trajectory is None else ("office", ())
     if world not in {None, toured} and pose is None and trajectory is None:
         raise UsageError(f"--world {world}: say where the car is in it, with --pose or --trajectory")
@@ -88,4 +93,5 @@ def lidar(
     )
     ranger = simulated_lidar(world or toured, drive, noise=noise, seed=seed)
     with stop_on_signals() as stop:
-        serve_lidar(MODELS[model], ranger, drive, stop, truth=truth, link=link, as_json=as_json)
+        share = car_writer(car, world or toured, drive)
+        serve_lidar(MODELS[model], ranger, drive, stop, truth=truth, link=link, as_json=as_json, car=share)

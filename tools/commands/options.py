@@ -20,7 +20,16 @@ if TYPE_CHECKING:
     from tools.config import Config
 
 LidarPort = Annotated[
-    str, typer.Option("--lidar", metavar="PORT", help="The RPLIDAR's port: a path or any pyserial URL.")
+    str | None, typer.Option("--lidar", metavar="PORT", help="The RPLIDAR's port: a path or any pyserial URL.")
+]
+DepthPort = Annotated[
+    str | None,
+    typer.Option(
+        "--depth",
+        metavar="NODE",
+        help="The depth camera: auto, a node such as /dev/video2, or a simulated one, emulated:DRIVE (office,"
+        " wings-west, wings-east) or emulated:FILE (of `emulate lidar --car`).",
+    ),
 ]
 ConfigFile = Annotated[Path | None, typer.Option("--config", metavar="FILE", help="YAML configuration.")]
 OutputFolder = Annotated[
@@ -172,6 +181,12 @@ def alpha_of(text: str) -> float | None:
         return float(text)
     except ValueError as error:
         raise UsageError(f"--alpha {text}: must be a number from 0.01 to 0.99, 0 or auto") from error
+
+
+def require_sensor(lidar: str | None, depth: str | None) -> None:
+    """Raise UsageError where no sensor is named."""
+    if lidar is None and depth is None:
+        raise UsageError("no sensor: name a lidar (--lidar PORT), a depth camera (--depth auto), or both")
 
 
 def load_config(path: Path | None, resolution_m: float | None = None, cells_per_meter: float | None = None) -> Config:

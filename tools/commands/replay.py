@@ -30,13 +30,16 @@ class OdometrySource(str, Enum):
 
     kiss = "kiss"
     wheel = "wheel"
+    recorded = "recorded"
 
 
 def replay(
     recording: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log."
+            metavar="FILE",
+            help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log, a RealSense .bag, a folder"
+            " of depth PNGs.",
         ),
     ],
     output: OutputFolder = None,
@@ -45,7 +48,13 @@ def replay(
     cells_per_meter: CellsPerMeter = None,
     odometry: Annotated[
         OdometrySource | None,
-        typer.Option(help="Poses from scan matching (kiss), or from the recorded wheels alone. [default: kiss]"),
+        typer.Option(
+            help="Poses from scan matching (kiss), from the recorded wheels alone, or as recorded in /tf or beside the"
+            " images. [default: kiss]"
+        ),
+    ] = None,
+    intrinsics: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The camera's 3x3 matrix, for a folder of depth PNGs.")
     ] = None,
     loop_closure: Annotated[
         bool | None, typer.Option("--loop-closure/--no-loop-closure", help="Look for places seen before.")
@@ -65,9 +74,10 @@ def replay(
 ) -> None:
     """Map a recording: the same flow as `run`, as fast as it goes.
 
-    Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum and report.json. A recording of `run` or `record` is
-    mapped with the configuration that was recorded with it, unless --config is given. Exit code 3: the recording is
-    damaged, and was mapped as far as it goes; or tracking was lost and a piece of the drive has no place in the map.
+    Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum and report.json; with a lidar and a depth camera also
+    depth_map.* and both_map.*. A recording of `run` or `record` is mapped with the configuration that was recorded with
+    it, unless --config is given. Exit code 3: the recording is damaged, and was mapped as far as it goes; or tracking
+    was lost and a piece of the drive has no place in the map.
     """
     from drivers.recording_reader import open_recording
     from mapping.slam_state import read_state
@@ -75,7 +85,7 @@ def replay(
     from tools.results import check_run_folder, lost_pieces
 
     check_run_folder(output)
-    with open_recording(recording) as opened:
+    with open_recording(recording, intrinsics=intrinsics) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
         config = config.with_resolution(resolution, cells_per_meter).with_odometry(odometry.value if odometry else None)
         config = config.with_slam(loop_closure=loop_closure, refine=refine, scan_every=scan_every)

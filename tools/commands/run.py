@@ -10,6 +10,7 @@ import typer
 from tools.commands.options import (
     CellsPerMeter,
     ConfigFile,
+    DepthPort,
     Json,
     LidarPort,
     MapFile,
@@ -18,6 +19,7 @@ from tools.commands.options import (
     Resume,
     load_config,
     print_json,
+    require_sensor,
 )
 from tools.exit_codes import ExitCode
 
@@ -25,7 +27,8 @@ log = logging.getLogger(__name__)
 
 
 def run(
-    lidar: LidarPort,
+    lidar: LidarPort = None,
+    depth: DepthPort = None,
     output: OutputFolder = None,
     config_file: ConfigFile = None,
     resolution: ResolutionM = None,
@@ -40,7 +43,8 @@ def run(
     Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum, report.json, recording.mcap and slam_state.npz, from
     which --resume goes on; then refines the map and writes it again (Ctrl-C once more leaves that out). Exit code 4:
     the lidar is missing, silent, busy or faulty, or was lost on the way (all that came is saved); 3: scans were
-    dropped, the recording has gaps, or a piece of the drive has no place in the map.
+    dropped, the recording has gaps, a piece of the drive has no place in the map, or the camera beside a lidar was
+    lost. With both, depth_map.* and both_map.* are written too; a camera alone makes the map.
     """
     from mapping.map_io import read_map
     from mapping.slam_state import read_state
@@ -48,13 +52,23 @@ def run(
     from tools.results import check_run_folder, lost_pieces, new_run_folder
     from tools.signals import stop_on_signals
 
+    require_sensor(lidar, depth)
     config = load_config(config_file, resolution, cells_per_meter)
     check_run_folder(output)
     earlier = read_state(resume) if resume else None
     if map_file is not None:
         read_map(map_file)  # before the lidar starts: a bad file must not cost a drive
     with stop_on_signals() as stop:
-        report, fault = run_session(lidar, config, lambda: new_run_folder(output), stop, record=record, resume=earlier)
+        report, fault = run_session(
+            lidar,
+            config,
+            lambda: new_run_folder(output),
+            stop,
+            record=record,
+            resume=earlier,
+            map_file=map_file,
+            camera_port=depth,
+        )
     if as_json:
         print_json(report)
     if fault is not None:

@@ -1,0 +1,63 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.messages import Pinhole
+from mapping.depth_projection import CameraMount, project
+from tools.config import Config, parse
+from tools.depth_flow import DepthFlow, scan_mount
+from tools.depth_simulator import SimulatedDepthCamera
+from tools.simulator import drive_along
+from tools.solid_world import solid
+from tools.world import OFFICE_TOUR, office
+
+CAMERA = Pinhole(212, 120, 106.0, 106.0, 105.5, 59.5)
+MOUNT = CameraMount(0.2, 0.05, 0.2)
+
+
+@pytest.fixture(scope="module")
+def images():
+    """The first metres of the tour, each 0.2 s."""
+    truth = drive_along(OFFICE_TOUR[:4])
+    simulated = SimulatedDepthCamera(solid(office()), truth, MOUNT, camera=CAMERA)
+    return truth, [simulated.frame(number * 200_000_000, number) for number in range(20)]
+
+
+def flow(alone, config=None):
+    return DepthFlow(config or Config(), lambda _: MOUNT, alone=alone, projection=project)
+
+
+def test_beside_a_lidar_no_scan_comes_out_and_the_map_has_walls(images):
+    truth, frames = images
+    beside = flow(alone=False)
+    for stamp, pose in zip(truth.stamps_ns.tolist(), truth.poses, strict=True):
+        beside.views.add_pose(stamp, pose)
+    assert [beside.add_image(frame) for frame in frames] == [None] * len(frames)
+    grid = beside.grid(truth)
+    assert grid.occupied.sum() > 10
+    assert grid.free.sum() > 200
+    assert beside.summary()["frames"] == len(frames)
+
+
+def test_alone_each_image_is_a_scan_from_the_camera_s_place(images):
+    scans = [flow(alone=True).add_image(frame) for frame in images[1]]
+    assert [scan.stamp_ns for scan in scans] == [frame.stamp_ns for frame in images[1]]
+    assert np.mean([scan.valid.sum() for scan in scans]) > 10
+    assert scan_mount(MOUNT).pose.tolist() == [0.2, 0.05, 0.0]
+
+
+def test_the_band_of_heights_is_configured(images):
+    high = flow(alone=True, config=parse({"depth": {"bottom_m": 0.9, "top_m": 1.0}}, "test"))
+    usual = flow(alone=True)
+    seen = [sum(int(each.add_image(frame).valid.sum()) for frame in images[1]) for each in (high, usual)]
+    assert seen[0] < seen[1]
+
+
+def test_far_walls_locate_the_car_though_they_are_not_drawn(images):
+    near = flow(alone=True, config=parse({"depth": {"locate_range_m": 3.0}}, "test"))
+    far = flow(alone=True)
+    reaches = [max(each.add_image(frame).ranges_m.max(initial=0.0) for frame in images[1]) for each in (near, far)]
+    valid = [sum(int(each.add_image(frame).valid.sum()) for frame in images[1]) for each in (near, far)]
+    assert reaches[0] == reaches[1] > 3.0
+    assert valid[0] < valid[1]
