@@ -67,18 +67,21 @@ class _Pull:
     gradients: FloatArray
 
 
-def settle(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyModel) -> Settled:
+def settle(
+    a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyModel, *, restarts: int = _ROUNDS
+) -> Settled:
     """Refine a pose with the walls of b on those of a and of a on those of b, and say how sure it is.
 
     A refinement can stick where a part of the walls fits and the rest is off. So it is tried as well from where the
     maps would lie if one could bend, and the pose is kept at which most wall agrees. Of maps that are bent for good no
     rigid pose fits, and the mean of what bending finds is returned: it is off a little everywhere instead of much
-    somewhere.
+    somewhere. restarts: at most so many; 0 for a pose that will not be believed anyway.
     """
     cell_m = max(a.walls.resolution_m, b.walls.resolution_m)
     settled, pulls, middle = _settled(a, b, pose)
     agreeing_m = _agreeing_m(a, b, settled, cell_m)
-    for number in range(_ROUNDS):
+    unbent = _Unbent((settled, settled), 0.0, 1.0)
+    for number in range(restarts):
         unbent = _unbent(a, b, settled)
         if number > 0 and unbent.strain_m > model.bent_for_good_m:
             break
@@ -89,7 +92,7 @@ def settle(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyM
         agreeing_m = max(metres)
         settled, pulls, middle = tried[int(np.argmax(metres))]
     else:
-        unbent = _unbent(a, b, settled)
+        unbent = _unbent(a, b, settled) if restarts else unbent
     if unbent.strain_m > model.bent_for_good_m and unbent.rigid_share < model.bent_for_good_share:
         settled = _between(*unbent.poses, middle)
     bend = max(0.0, _bent_share(a, b, settled, cell_m) - model.straight)
