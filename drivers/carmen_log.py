@@ -11,11 +11,9 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Self
 
 from drivers.carmen_lines import (
     LASER_FRAME,
@@ -31,6 +29,7 @@ from drivers.carmen_lines import (
 from drivers.errors import RecordingError
 from drivers.messages import FloatArray, LaserScan, Message, Odometry, Transform
 from drivers.recording_storage import TopicInfo
+from drivers.sources import Closing
 from drivers.text_log import TextLog, first_lines
 
 BASE_FRAME = "base_link"
@@ -40,7 +39,7 @@ _SORT_WINDOW = 1000
 _TYPES = {name: f"CARMEN {name}" for name in (*SCAN_NAMES, ODOMETRY_TOPIC)}
 
 
-class CarmenLog:
+class CarmenLog(Closing):
     """An open log, plain or compressed (.gz, .bz2); a MessageSource with a table of contents, see Recording.
 
     Where several kinds of lines hold scans, the first of SCAN_NAMES that has at least half as many as any other is
@@ -111,14 +110,6 @@ class CarmenLog:
 
     def __iter__(self) -> Iterator[Message]:
         return self.messages()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _in_file_order(self, scan_name: str | None) -> Iterator[LaserScan | Odometry]:
         """Yield what the lines say, as they come."""

@@ -10,11 +10,9 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import Self
 
 from drivers import v4l2
 from drivers.d435_calibration import DEFAULT_UNIT_M, DepthCalibration, file_calibration, read_calibration
@@ -23,6 +21,7 @@ from drivers.d435_hardware_monitor import CameraVersion, HardwareMonitor
 from drivers.depth_discovery import require_depth
 from drivers.errors import DeviceFaultError, DeviceLostError, WrongDeviceError
 from drivers.messages import DepthImage
+from drivers.sources import Closing
 from drivers.system_calls import LinuxSystemCalls, SystemCalls
 from drivers.video_device import FilledBuffer, ImageFormat, VideoDevice
 
@@ -110,7 +109,7 @@ def open_depth_camera(
     return DepthCamera(device, info, image_format, stamp_offset_ns=wall_offset_ns - exposure_ns // 2)
 
 
-class DepthCamera:
+class DepthCamera(Closing):
     """An open camera. Iterating gives its whole frames, oldest first, until request_stop() or stop().
 
     stamp_offset_ns is added to the kernel's stamps, which are those of CLOCK_MONOTONIC at a frame's start.
@@ -127,14 +126,6 @@ class DepthCamera:
         self._next_sequence: int | None = None
         self._counts = dict.fromkeys(DepthCounters.__slots__, 0)
         self._stop_requested = threading.Event()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     @property
     def counters(self) -> DepthCounters:

@@ -15,16 +15,16 @@ from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
-from typing_extensions import Self
 
 from drivers.depth_codec import pinhole
 from drivers.depth_pixels import METRES_UNIT_M, DepthCounts, png_counts
 from drivers.errors import RecordingError
 from drivers.messages import DepthImage, FloatArray, Message, Pinhole, Transform
 from drivers.recording_storage import TopicInfo
+from drivers.rotations import quaternion
+from drivers.sources import Closing
 
 WORLD_FRAME, CAMERA_FRAME = "world", "camera_depth_optical_frame"
 DEPTH_TOPIC, POSE_TOPIC = "depth", "pose"
@@ -51,7 +51,7 @@ class _Frame:
         return self.image.with_name(f"{name[: -len(ending)]}.pose.txt")
 
 
-class DepthFolder:
+class DepthFolder(Closing):
     """An open folder; a MessageSource with a table of contents, see Recording.
 
     intrinsics: a file with the 3x3 matrix, instead of the folder's own. unit_m: metres per count. Text files about the
@@ -110,14 +110,6 @@ class DepthFolder:
 
     def __iter__(self) -> Iterator[Message]:
         return self.messages()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _messages(self) -> Iterator[Message]:
         self._faults.clear()
@@ -269,22 +261,3 @@ def _notes(folder: Path) -> dict[str, str]:
         if not file.name.endswith(".pose.txt") and file.name not in STAMPS and file.stat().st_size <= _LONGEST_NOTE:
             notes[file.name] = file.read_bytes().decode("utf-8", "replace")
     return notes
-
-
-def quaternion(rotation: FloatArray) -> FloatArray:
-    """Return the unit quaternion (x, y, z, w) of a rotation matrix that may be a little off.
-
-    It is the eigenvector of the largest eigenvalue of a 4x4 matrix (Bar-Itzhack 2000), which leaves no special case.
-    """
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
-    symmetric = np.array(
-        [
-            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-        ]
-    )
-    _, vectors = np.linalg.eigh(symmetric)
-    best = vectors[:, -1]
-    return np.asarray(best if best[3] >= 0 else -best, dtype=np.float64)

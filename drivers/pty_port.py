@@ -10,12 +10,10 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
-
-from typing_extensions import Self
 
 from drivers.emulated_link import EmulatedDevice
 from drivers.errors import DriverError
+from drivers.sources import Closing
 from drivers.uart import misread
 
 if sys.platform == "linux":
@@ -30,7 +28,7 @@ _B115200, _ANY_SPEED = 0o010002, 0o010000  # programs that know no free speeds u
 _VMIN = 6  # index of a control character
 
 
-class PtyPort:
+class PtyPort(Closing):
     """Serves `device`, which talks at `baud`, on the path `.name` until closed; `link`: a symbolic link to that path.
 
     Clients come and go as on a real port: the device runs on, what nobody reads is lost (`bytes_lost`), and the line
@@ -67,14 +65,6 @@ class PtyPort:
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._serve, name=f"pty {self.name}", daemon=True)
         self._thread.start()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Unplug the device; raises what the device raised, if it did. Closing twice is allowed."""

@@ -16,13 +16,11 @@ from collections.abc import Iterator, Mapping
 from itertools import groupby
 from operator import itemgetter
 from pathlib import Path
-from types import TracebackType
 
 from rosbags.rosbag1 import Reader, ReaderError
 from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.stores import ros1_noetic as ros1
-from typing_extensions import Self
 
 from drivers.depth_codec import IMAGE_TYPE, pinhole, shortest_decimal
 from drivers.depth_pixels import METRES_UNIT_M, raw_counts
@@ -30,6 +28,7 @@ from drivers.errors import RecordingError
 from drivers.messages import DepthImage, Message, Pinhole
 from drivers.recording_storage import StoredMessage, TopicInfo
 from drivers.ros1_translation import Ros1Translation
+from drivers.sources import Closing
 
 MAGIC = b"#ROSBAG V"
 DEPTH_FRAME = "camera_depth_optical_frame"
@@ -54,7 +53,7 @@ _DAMAGE = (
 )
 
 
-class RealsenseBag:
+class RealsenseBag(Closing):
     """An open .bag of the RealSense SDK; a MessageSource with a table of contents, see Recording.
 
     Raises RecordingError for a ROS 1 bag that cannot be read or was not written by the SDK with depth in it.
@@ -150,14 +149,6 @@ class RealsenseBag:
 
     def __iter__(self) -> Iterator[Message]:
         return self.messages()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _images(self) -> Iterator[DepthImage]:
         """Yield each image with the values that have its log time."""

@@ -36,6 +36,7 @@ from drivers.ros_codec import (
     decode,
     is_decodable,
 )
+from drivers.sources import Closing
 from drivers.tinyslam_log import TinyslamLog, is_tinyslam_log
 
 
@@ -91,7 +92,7 @@ class Recording(Protocol):
     ) -> None: ...
 
 
-class BagRecording:
+class BagRecording(Closing):
     """A recording made of MCAP or SQLite files; see Recording."""
 
     def __init__(self, path: Path, storages: Sequence[Storage], problems: Sequence[str] = ()) -> None:
@@ -154,14 +155,6 @@ class BagRecording:
 
     def __iter__(self) -> Iterator[Message]:
         return self.messages()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _decoded(self, topics: Collection[str]) -> Iterator[Message]:
         self._undecodable.clear()

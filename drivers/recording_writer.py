@@ -12,10 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO
-
-from typing_extensions import Self
 
 from drivers.depth_codec import depth_parts
 from drivers.errors import RecordingError
@@ -24,6 +21,7 @@ from drivers.recording_mcap import McapMessage, McapSink
 from drivers.recording_scan import bin_count, bin_scan, even_scan
 from drivers.ros_codec import default_topic, encode, encode_scan, is_latched, ros_type
 from drivers.ros_store import schema_text, type_hash
+from drivers.sources import Closing
 
 # rosbag2's YAML of a QoS profile; history 1 = keep last, reliability 1 = reliable, liveliness 1 = automatic.
 _QOS = """- history: 1
@@ -54,7 +52,7 @@ def create_file(path: Path) -> BinaryIO:
     return path.open("xb")
 
 
-class McapRecorder:
+class McapRecorder(Closing):
     """Writes what it is given to a new MCAP file (profile ros2, CDR), safely on disk every flush_period_s.
 
     metadata: {name: {key: value}}, written first, so that it survives a cut file. A disk error ends the recording and
@@ -122,14 +120,6 @@ class McapRecorder:
                 self._dropped[item[0]] += 1
         size = self.path.stat().st_size if self.path.exists() else 0
         return RecordingReport(self.path, dict(self._written), dict(self._dropped), size, self.error)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _record(self) -> None:
         """Body of the thread: whatever fails ends the recording, never the run."""

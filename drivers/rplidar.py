@@ -5,9 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from types import TracebackType
-
-from typing_extensions import Self
 
 from drivers.errors import DeviceFaultError, DeviceLostError, DriverError
 from drivers.messages import LidarStream, Message, RawChunk
@@ -30,7 +27,7 @@ from drivers.rplidar_protocol import (
     request,
 )
 from drivers.serial_link import open_serial
-from drivers.sources import ByteLink
+from drivers.sources import ByteLink, Closing
 
 _READ_S = 0.1  # also how soon request_stop is noticed
 _GATHER_S = 0.02  # between reads: five a turn cost a fraction of what each few bytes by themselves would
@@ -69,7 +66,7 @@ def connect(
     return Rplidar(channel, found[0], found[1], clock=clock, sleep=sleep, port=port)
 
 
-class Rplidar:
+class Rplidar(Closing):
     """A connected sensor. Iterating after start() gives the LidarStream, then each read as a RawChunk.
 
     Questions end a running scan, as they do on the device itself.
@@ -97,14 +94,6 @@ class Rplidar:
         self._early = RawChunk(0, b"")  # what came together with the stream's descriptor
         self._stop_requested = threading.Event()
         self._closed = False
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def info(self) -> DeviceInfo:
         """Model, firmware, hardware and serial number, as answered on connecting."""

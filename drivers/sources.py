@@ -6,6 +6,7 @@ test.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from types import TracebackType
 from typing import Protocol
@@ -13,6 +14,22 @@ from typing import Protocol
 from typing_extensions import Self
 
 from drivers.messages import Message
+
+
+class Closing(ABC):
+    """Something open, as a context manager: leaving it closes it."""
+
+    @abstractmethod
+    def close(self) -> object:
+        """Release what is held; closing twice is allowed."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 class ByteLink(Protocol):

@@ -15,14 +15,13 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
-from typing_extensions import Self
 
 from drivers.errors import RecordingError
 from drivers.messages import FloatArray, LaserScan, Message, Odometry, Transform
 from drivers.recording_storage import TopicInfo
+from drivers.sources import Closing
 from drivers.text_log import TextLog, first_lines
 
 LASER_FRAME, BASE_FRAME = "laser", "base_link"
@@ -64,7 +63,7 @@ class _Line:
     ranges_mm: FloatArray
 
 
-class TinyslamLog:
+class TinyslamLog(Closing):
     """An open log, plain or compressed; a MessageSource with a table of contents, see Recording.
 
     Raises RecordingError if not one line is whole.
@@ -123,14 +122,6 @@ class TinyslamLog:
 
     def __iter__(self) -> Iterator[Message]:
         return self.messages()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _whole_lines(self) -> Iterator[_Line]:
         """Yield the lines that parse and whose time rises; count the others anew."""

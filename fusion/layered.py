@@ -118,8 +118,8 @@ def _weighed(a: SurveyedMap, b: SurveyedMap, ranking: Ranking, seed: int) -> Wei
 def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Alignment:
     """Return the best hypothesis, settled, and whether to believe it."""
     a, b, best, evidence = weighed.a, weighed.b, weighed.best, weighed.evidence
-    restarts = 3 if weighed.probability[best] >= rule.listed else 0
-    settled = settle(a, b, weighed.pool.poses[best], rule.uncertainty, restarts=restarts)
+    hopeful = bool(weighed.probability[best] >= rule.listed)
+    settled = settle(a, b, weighed.pool.poses[best], rule.uncertainty, restart=hopeful)
     probability = ranking.calibrated(weighed.score)
     wall_m = float(min(evidence.b_on_a.hits[best, 1], evidence.a_on_b.hits[best, 1]))
     conflict_m = float(evidence.b_on_a.conflicts[best, 1] + evidence.a_on_b.conflicts[best, 1])

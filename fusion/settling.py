@@ -67,55 +67,71 @@ class _Pull:
     gradients: FloatArray
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """A pose (3,) refined both ways, how the walls of both maps pull there, and their middle (2,) in map a's frame.
+
+    agreeing_m: metres of wall that agree within 0.12 m less twice those that contradict, of both maps.
+    """
+
+    pose: FloatArray
+    pulls: tuple[_Pull, _Pull]
+    middle: FloatArray
+    agreeing_m: float
+
+
 def settle(
-    a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyModel, *, restarts: int = _ROUNDS
+    a: SurveyedMap, b: SurveyedMap, pose: FloatArray, model: UncertaintyModel, *, restart: bool = True
 ) -> Settled:
     """Refine a pose with the walls of b on those of a and of a on those of b, and say how sure it is.
 
     A refinement can stick where a part of the walls fits and the rest is off. So it is tried as well from where the
     maps would lie if one could bend, and the pose is kept at which most wall agrees. Of maps that are bent for good no
     rigid pose fits, and the mean of what bending finds is returned: it is off a little everywhere instead of much
-    somewhere. restarts: at most so many; 0 for a pose that will not be believed anyway.
+    somewhere. restart: False spares that for a pose which will not be believed anyway.
     """
-    cell_m = max(a.walls.resolution_m, b.walls.resolution_m)
-    settled, pulls, middle = _settled(a, b, pose)
-    agreeing_m = _agreeing_m(a, b, settled, cell_m)
-    unbent = _Unbent((settled, settled), 0.0, 1.0)
-    for number in range(restarts):
-        unbent = _unbent(a, b, settled)
-        if number > 0 and unbent.strain_m > model.bent_for_good_m:
-            break
-        tried = [_settled(a, b, start) for start in unbent.poses]
-        metres = [_agreeing_m(a, b, each[0], cell_m) for each in tried]
-        if max(metres) <= agreeing_m + _GAIN_M:
-            break
-        agreeing_m = max(metres)
-        settled, pulls, middle = tried[int(np.argmax(metres))]
-    else:
-        unbent = _unbent(a, b, settled) if restarts else unbent
-    if unbent.strain_m > model.bent_for_good_m and unbent.rigid_share < model.bent_for_good_share:
-        settled = _between(*unbent.poses, middle)
+    place = _settled(a, b, pose)
+    settled = place.pose
+    if restart:
+        place, unbent = _restarted(a, b, place, model)
+        bent_for_good = unbent.strain_m > model.bent_for_good_m and unbent.rigid_share < model.bent_for_good_share
+        settled = _between(*unbent.poses, place.middle) if bent_for_good else place.pose
+    cell_m = _coarser_cell_m(a, b)
     bend = max(0.0, _bent_share(a, b, settled, cell_m) - model.straight)
     least = np.array(
         [np.hypot(model.floor_m, model.bend_m * bend)] * 2 + [np.hypot(model.floor_rad, model.bend_rad * bend)]
     )
-    return Settled(settled, _covariance(pulls, cell_m, settled - [*middle, 0.0], least, model))
+    return Settled(settled, _covariance(place.pulls, cell_m, settled - [*place.middle, 0.0], least, model))
 
 
-def _settled(a: SurveyedMap, b: SurveyedMap, pose: FloatArray) -> tuple[FloatArray, list[_Pull], FloatArray]:
-    """Return the pose refined both ways, how the walls pull there, and their middle (2,) in map a's frame."""
+def _settled(a: SurveyedMap, b: SurveyedMap, pose: FloatArray) -> _Place:
+    """Return the pose refined both ways."""
     forth = _refined(a.walls, b.probe, pose)
     back = se2.inverse(_refined(b.walls, a.probe, se2.inverse(pose)))
     middle = se2.transform_points(forth, b.probe.points.mean(axis=0))
-    pulls = [
+    pulls = (
         _pull(a.walls, b.probe, forth, middle, inverted=False),
         _pull(b.walls, a.probe, se2.inverse(back), middle, inverted=True),
-    ]
+    )
     matrix = pulls[0].matrix + pulls[1].matrix
     # The mean of both, each weighed by how well its walls hold it.
     away = _about(back, middle, forth)
     step = np.asarray(np.linalg.solve(matrix + _HELD * np.eye(3), pulls[1].matrix @ away), dtype=np.float64)
-    return _moved(forth, middle, step), pulls, middle
+    settled = _moved(forth, middle, step)
+    return _Place(settled, pulls, middle, _agreeing_m(a, b, settled))
+
+
+def _restarted(a: SurveyedMap, b: SurveyedMap, place: _Place, model: UncertaintyModel) -> tuple[_Place, _Unbent]:
+    """Return the place that starts from where bending would put the maps lead to, and what bending finds there."""
+    for number in range(_ROUNDS):
+        unbent = _unbent(a, b, place.pose)
+        if number > 0 and unbent.strain_m > model.bent_for_good_m:
+            return place, unbent
+        other = max((_settled(a, b, start) for start in unbent.poses), key=lambda each: each.agreeing_m)
+        if other.agreeing_m <= place.agreeing_m + _GAIN_M:
+            return place, unbent
+        place = other
+    return place, _unbent(a, b, place.pose)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,11 +166,16 @@ def _rigid_part(walls: WallMap, probe: Probe, pose: FloatArray) -> tuple[FloatAr
     return align_points(bent.placed[0][met], probe.points[met]), float(bent.strain_m[0]), metres
 
 
-def _agreeing_m(a: SurveyedMap, b: SurveyedMap, pose: FloatArray, cell_m: float) -> float:
-    """Return the metres of wall that agree within 0.12 m less twice those that contradict, of both maps."""
+def _agreeing_m(a: SurveyedMap, b: SurveyedMap, pose: FloatArray) -> float:
+    """Return what `_Place` says of a pose."""
+    cell_m = _coarser_cell_m(a, b)
     forth = net_metres(a.surface, b.probe, pose[np.newaxis], cell_m)
     back = net_metres(b.surface, a.probe, se2.inverse(pose)[np.newaxis], cell_m)
     return float(forth[0, 0] + back[0, 0])
+
+
+def _coarser_cell_m(a: SurveyedMap, b: SurveyedMap) -> float:
+    return max(a.walls.resolution_m, b.walls.resolution_m)
 
 
 def _between(one: FloatArray, other: FloatArray, middle: FloatArray) -> FloatArray:
@@ -204,7 +225,7 @@ def _pull(walls: WallMap, probe: Probe, pose: FloatArray, middle: FloatArray, *,
 
 
 def _covariance(
-    pulls: list[_Pull], cell_m: float, lever: FloatArray, least: FloatArray, model: UncertaintyModel
+    pulls: tuple[_Pull, _Pull], cell_m: float, lever: FloatArray, least: FloatArray, model: UncertaintyModel
 ) -> FloatArray:
     """Return the covariance (3, 3) of a pose's x, y, yaw, its origin being `lever` (2 or more) off the pulls' middle.
 

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mapping.map_agreement import place
 from mapping.map_matching import distance_at
 from mapping.wall_map import Distances, WallMap
 
@@ -44,11 +45,8 @@ def bend_each(walls: WallMap, points: FloatArray, lengths: FloatArray, poses: Fl
     degree 2 about the middle of the points that meet walls. All terms but the shift are held at 0 by a standard
     deviation of 0.5 m at 10 m.
     """
-    placed, strain_m = np.empty((len(poses), len(points), 2)), np.empty(len(poses))
-    _bend_each(
-        walls.distances, walls.resolution_m, points, lengths, np.ascontiguousarray(poses), np.array(_SCALES_M),
-        (placed, strain_m),
-    )  # fmt: skip
+    placed, strain_m = place(points, poses), np.empty(len(poses))
+    _bend_each(walls.distances, walls.resolution_m, lengths, np.array(_SCALES_M), placed, strain_m)
     return Bent(placed, strain_m)
 
 
@@ -56,17 +54,14 @@ def bend_each(walls: WallMap, points: FloatArray, lengths: FloatArray, poses: Fl
 def _bend_each(
     distances: Distances,
     resolution_m: float,
-    points: FloatArray,
     lengths: FloatArray,
-    poses: FloatArray,
     scales_m: FloatArray,
-    found: tuple[FloatArray, FloatArray],
+    placed: FloatArray,
+    strain_m: FloatArray,
 ) -> None:
-    """Fill placed (K, N, 2) and strain_m (K,)."""
-    placed, strain_m = found
-    terms, moved = np.empty((points.shape[0], _TERMS)), np.empty((points.shape[0], 2))
-    for k in range(poses.shape[0]):
-        _place(points, poses[k], placed[k])
+    """Bend the points at places (K, N, 2) where they are, and fill strain_m (K,)."""
+    terms, moved = np.empty((placed.shape[1], _TERMS)), np.empty((placed.shape[1], 2))
+    for k in range(placed.shape[0]):
         _fill_terms(distances, resolution_m, lengths, placed[k], terms)
         factors = np.zeros((2, _TERMS))
         for scale_m in scales_m:
@@ -75,14 +70,6 @@ def _bend_each(
         _move(terms, factors, moved)
         placed[k] += moved
         strain_m[k] = _strain(distances, resolution_m, lengths, placed[k], moved)
-
-
-@njit(cache=True, nogil=True)
-def _place(points: FloatArray, pose: FloatArray, placed: FloatArray) -> None:
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    for n in range(points.shape[0]):
-        placed[n, 0] = pose[0] + cos * points[n, 0] - sin * points[n, 1]
-        placed[n, 1] = pose[1] + sin * points[n, 0] + cos * points[n, 1]
 
 
 @njit(cache=True, nogil=True)

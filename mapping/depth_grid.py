@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.depth_sensor_model import DepthModel
 from mapping.errors import MappingError
-from mapping.grid import LOG_ODDS_CLAMP, OccupancyGrid
+from mapping.grid import LOG_ODDS_CLAMP, GrowingCells, OccupancyGrid
 from mapping.raycast import integrate_rays
 from mapping.virtual_scan import VirtualScan
 
 FloatArray = NDArray[np.float64]
 
-_GROWTH_M = 6.0  # added beyond what is needed, so that growing stays rare
 _KNOWN = 1e-3  # a known cell whose evidence cancels; exactly 0 means unknown
 
 
@@ -24,70 +23,49 @@ class DepthGridBuilder:
     """Grows an occupancy grid from virtual scans at known poses."""
 
     def __init__(self, resolution_m: float, model: DepthModel) -> None:
-        self._resolution_m = resolution_m
         self._model = model
-        self._low = np.zeros(2, dtype=np.int64)  # cell index of the array's lower-left cell in the unbounded grid
-        self._log_odds = np.zeros((0, 0), dtype=np.float32)
-        self._unused = np.zeros_like(self._log_odds)  # changed by rays that must leave the map as it is
-        self._visited = np.zeros((0, 0), dtype=np.int32)
+        self._cells = GrowingCells(resolution_m)
+        self._unused = np.zeros_like(self._cells.log_odds)  # changed by rays that must leave the map as it is
         self._scans = 0
 
     def add_scan(self, pose: FloatArray, scan: VirtualScan) -> None:
         """Add the evidence of a scan taken by a car at pose (3,), the pose of base_link in the map frame."""
-        points, evidence = self._model.hits(scan, self._resolution_m)
+        cells = self._cells
+        points, evidence = self._model.hits(scan, cells.resolution_m)
         begin, end = self._model.free(scan)
         directions = np.stack([np.cos(scan.angles_rad), np.sin(scan.angles_rad)], axis=1)[end > 0.0]
         ends, blind = (scan.origin + directions * reach[end > 0.0, np.newaxis] for reach in (end, begin))
         parts = (scan.origin[np.newaxis], points, blind, ends)
-        placed = se2.transform_points(pose, np.vstack(parts)) / self._resolution_m
-        self._grow_to(np.floor(placed).astype(np.int64))
+        placed = se2.transform_points(pose, np.vstack(parts)) / cells.resolution_m
+        cells.grow_to(np.floor(placed).astype(np.int64))
+        if self._unused.shape != cells.log_odds.shape:
+            self._unused = np.zeros_like(cells.log_odds)
         self._scans += 1
-        start, hits, blind, ends = np.split(placed - self._low, np.cumsum([len(part) for part in parts[:-1]]))
+        start, hits, blind, ends = np.split(placed - cells.low, np.cumsum([len(part) for part in parts[:-1]]))
         self._mark(hits.astype(np.intp), evidence)
         self._pass(self._unused, start[0], blind, 0.0)  # visits the cells only
-        self._pass(self._log_odds, start[0], ends, self._model.miss_log_odds)
+        self._pass(cells.log_odds, start[0], ends, self._model.miss_log_odds)
 
     def grid(self) -> OccupancyGrid:
         """Return the map so far, cut to its known cells; its origin lies on whole cells."""
-        rows, cols = np.nonzero(self._log_odds)
-        if len(rows) == 0:
-            return OccupancyGrid(np.zeros((1, 1), np.float32), self._resolution_m, np.zeros(3))
-        cut = self._log_odds[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-        corner = (self._low + np.array([cols.min(), rows.min()])) * self._resolution_m
-        return OccupancyGrid(cut, self._resolution_m, np.array([corner[0], corner[1], 0.0]))
+        return self._cells.grid()
 
     def _pass(self, values: NDArray[np.float32], start: FloatArray, ends: FloatArray, evidence: float) -> None:
         """Add evidence in values (rows, cols) to the cells on rays to ends (N, 2) not visited by this scan yet."""
         none = np.zeros(len(ends))
         no_hit = none.astype(np.bool_)
-        integrate_rays(values, self._visited, self._scans, start, ends, no_hit, none, evidence, LOG_ODDS_CLAMP)
+        integrate_rays(values, self._cells.visited, self._scans, start, ends, no_hit, none, evidence, LOG_ODDS_CLAMP)
 
     def _mark(self, cells: NDArray[np.intp], evidence: FloatArray) -> None:
         """Add to each of the cells (K, 2), x and y, the greatest evidence (K,) for it, and visit it in this scan."""
-        flat = cells[:, 1] * self._log_odds.shape[1] + cells[:, 0]
+        log_odds, visited = self._cells.log_odds, self._cells.visited
+        flat = cells[:, 1] * log_odds.shape[1] + cells[:, 0]
         order = np.lexsort((evidence, flat))
         last = np.flatnonzero(np.diff(flat[order], append=-1))
         cell, gain = flat[order][last], evidence[order][last].astype(np.float32)
-        raised = np.minimum(self._log_odds.reshape(-1)[cell] + gain, np.float32(LOG_ODDS_CLAMP))
-        self._log_odds.reshape(-1)[cell] = np.where(raised == 0.0, np.float32(_KNOWN), raised)
-        self._visited.reshape(-1)[cell] = self._scans
-
-    def _grow_to(self, cells: NDArray[np.int64]) -> None:
-        """Enlarge the arrays, with a margin, so that every cell (K, 2) of the unbounded grid lies inside."""
-        lowest, highest = cells.min(axis=0), cells.max(axis=0) + 2  # one spare: x / resolution - low may round up
-        low, high = self._low, self._low + self._log_odds.shape[::-1]
-        if self._scans == 0:
-            low, high = lowest, lowest
-        if (lowest >= low).all() and (highest <= high).all():
-            return
-        margin = math.ceil(_GROWTH_M / self._resolution_m)
-        new_low = np.where(lowest < low, lowest - margin, low)
-        new_high = np.where(highest > high, highest + margin, high)
-        before, after = (low - new_low).tolist(), (new_high - high).tolist()
-        padding = ((before[1], after[1]), (before[0], after[0]))
-        self._log_odds, self._visited = np.pad(self._log_odds, padding), np.pad(self._visited, padding)
-        self._unused = np.zeros_like(self._log_odds)
-        self._low = new_low
+        raised = np.minimum(log_odds.reshape(-1)[cell] + gain, np.float32(LOG_ODDS_CLAMP))
+        log_odds.reshape(-1)[cell] = np.where(raised == 0.0, np.float32(_KNOWN), raised)
+        visited.reshape(-1)[cell] = self._scans
 
 
 def add_grids(first: OccupancyGrid, second: OccupancyGrid) -> OccupancyGrid:

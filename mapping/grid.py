@@ -78,67 +78,79 @@ class OccupancyGrid:
         return se2.transform_points(self.origin, local)
 
 
+class GrowingCells:
+    """An unbounded grid, held as arrays (rows, cols) that grow: log-odds, and the last scan that visited each cell.
+
+    low (2,): x and y, in the unbounded grid, of the arrays' lower-left cell.
+    """
+
+    def __init__(self, resolution_m: float) -> None:
+        self.resolution_m = resolution_m
+        self.low = np.zeros(2, dtype=np.int64)
+        self.log_odds = np.zeros((0, 0), dtype=np.float32)
+        self.visited = np.zeros((0, 0), dtype=np.int32)
+
+    def grow_to(self, cells: NDArray[np.int64]) -> None:
+        """Enlarge the arrays, with a margin, so that all cells (K, 2), x and y of the unbounded grid, lie inside."""
+        lowest, highest = cells.min(axis=0), cells.max(axis=0) + 2  # one spare: x / resolution - low may round up
+        low, high = self.low, self.low + self.log_odds.shape[::-1]
+        begun = self.log_odds.size > 0
+        if begun and (lowest >= low).all() and (highest <= high).all():
+            return
+        margin = math.ceil(_GROWTH_M / self.resolution_m)
+        new_low, new_high = lowest - margin, highest + margin
+        if begun:
+            new_low = np.where(lowest < low, new_low, low)
+            new_high = np.where(highest > high, new_high, high)
+        else:
+            low = high = new_low
+        before, after = (low - new_low).tolist(), (new_high - high).tolist()
+        padding = ((before[1], after[1]), (before[0], after[0]))
+        self.log_odds, self.visited = np.pad(self.log_odds, padding), np.pad(self.visited, padding)
+        self.low = new_low
+
+    def grid(self) -> OccupancyGrid:
+        """Return the map so far, cut to its known cells; its origin lies on whole cells."""
+        rows, cols = np.nonzero(self.log_odds)
+        if len(rows) == 0:
+            return OccupancyGrid(np.zeros((1, 1), np.float32), self.resolution_m, np.zeros(3))
+        cut = self.log_odds[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
+        corner = (self.low + np.array([cols.min(), rows.min()])) * self.resolution_m
+        return OccupancyGrid(cut, self.resolution_m, np.array([corner[0], corner[1], 0.0]))
+
+
 class GridBuilder:
     """Grows an occupancy grid from points seen at known poses (thesis Algorithm 1)."""
 
     def __init__(self, resolution_m: float, model: LidarModel) -> None:
-        self._resolution_m = resolution_m
         self._model = model
-        self._low = np.zeros(2, dtype=np.int64)  # cell index of the array's lower-left cell in the unbounded grid
-        self._log_odds = np.zeros((1, 1), dtype=np.float32)
-        self._visited = np.zeros((1, 1), dtype=np.int32)
+        self._cells = GrowingCells(resolution_m)
         self._scans = 0
 
     def add_scan(self, sensor: FloatArray, points: FloatArray) -> None:
         """Add the evidence of points (N, 2) measured from sensor (2,), both in the map frame."""
         if len(points) == 0:
             return
+        cells = self._cells
         rays = points - sensor
         ranges = np.hypot(rays[:, 0], rays[:, 1])
         is_hit = ranges <= self._model.max_range_m
         shortened = np.minimum(1.0, self._model.max_range_m / np.maximum(ranges, 1e-9))
         ends = sensor + rays * shortened[:, np.newaxis]
-        self._grow_to(np.vstack([ends, sensor[np.newaxis, :]]))
+        cells.grow_to(np.floor(np.vstack([ends, sensor[np.newaxis, :]]) / cells.resolution_m).astype(np.int64))
         self._scans += 1
         integrate_rays(
-            self._log_odds,
-            self._visited,
+            cells.log_odds,
+            cells.visited,
             self._scans,
-            sensor / self._resolution_m - self._low,
-            ends / self._resolution_m - self._low,
+            sensor / cells.resolution_m - cells.low,
+            ends / cells.resolution_m - cells.low,
             is_hit,
-            self._model.hit_log_odds(ranges, self._resolution_m),
+            self._model.hit_log_odds(ranges, cells.resolution_m),
             self._model.miss_log_odds,
             LOG_ODDS_CLAMP,
         )
 
     def grid(self) -> OccupancyGrid:
         """Return the map so far, cut to its known cells; its origin lies on whole cells."""
-        rows, cols = np.nonzero(self._log_odds)
-        if len(rows) == 0:
-            return OccupancyGrid(np.zeros((1, 1), np.float32), self._resolution_m, np.zeros(3))
-        cut = self._log_odds[rows.min() : rows.max() + 1, cols.min() : cols.max() + 1]
-        corner = (self._low + np.array([cols.min(), rows.min()])) * self._resolution_m
-        return OccupancyGrid(cut, self._resolution_m, np.array([corner[0], corner[1], 0.0]))
-
-    def _grow_to(self, points: FloatArray) -> None:
-        """Enlarge the arrays, with a margin, so that every point lies inside."""
-        cells = np.floor(points / self._resolution_m).astype(np.int64)
-        lowest, highest = cells.min(axis=0), cells.max(axis=0) + 2  # one spare: x / resolution - low may round up
-        low, high = self._low, self._low + self._log_odds.shape[::-1]
-        if self._scans and (lowest >= low).all() and (highest <= high).all():
-            return
-        margin = math.ceil(_GROWTH_M / self._resolution_m)
-        new_low, new_high = lowest - margin, highest + margin
-        if self._scans:
-            new_low = np.where(lowest < low, new_low, low)
-            new_high = np.where(highest > high, new_high, high)
-        before, after = (low - new_low).tolist(), (new_high - high).tolist()
-        if not self._scans:
-            self._log_odds = np.zeros((new_high - new_low)[::-1], dtype=np.float32)
-            self._visited = np.zeros_like(self._log_odds, dtype=np.int32)
-        else:
-            padding = ((before[1], after[1]), (before[0], after[0]))
-            self._log_odds = np.pad(self._log_odds, padding)
-            self._visited = np.pad(self._visited, padding)
-        self._low = new_low
+        return self._cells.grid()

@@ -13,8 +13,8 @@ import numpy as np
 from drivers.d435_emulated_firmware import is_emulated_camera
 from drivers.depth_camera import DepthCamera, DepthMode, open_depth_camera
 from drivers.depth_discovery import find_depth_nodes
-from drivers.depth_folder import quaternion
 from drivers.messages import LidarStream, Transform
+from drivers.rotations import quaternion
 from drivers.rplidar import Rplidar, open_rplidar
 from drivers.rplidar_models import is_emulated
 from drivers.system_calls import LinuxSystemCalls, SystemCalls

@@ -57,7 +57,7 @@ def window_pairs(folder: Path, scans: PosedScans, plan: WindowPlan, seed: int) -
         stem = f"{scans.building}-{window.band or 'apart'}-{number:02d}"
         for kind in plan.kinds:
             if kind in _DEFORMED:
-                pairs += _deformed_pair(folder / f"{stem}-{kind}", (scans, camera), window, (kind, plan.bend_m), random)
+                pairs += _deformed_pair(folder / f"{stem}-{kind}", (scans, camera), window, kind, plan.bend_m, random)
                 continue
             T_b_log = random_frame(random)
             resolution_a, resolution_b = RESOLUTIONS_M[kind]
@@ -100,15 +100,15 @@ def _deformed_pair(
     stem: Path,
     scans: tuple[PosedScans, PosedScans],
     window: WindowPair,
-    how: tuple[str, tuple[float, float] | None],
+    kind: str,
+    bend_m: tuple[float, float] | None,
     random: np.random.Generator,
 ) -> list[MapPair]:
     """Write two maps, each bent by a field of its own, and return their pair; none where too little is in common.
 
-    scans: of the lidar, and as a camera sees them, which a quarter of the second maps do. how: bent or changed,
-    and how far it is bent, as in WindowPlan.
+    scans: of the lidar, and as a camera sees them, which a quarter of the second maps do. kind: bent or changed;
+    bend_m: how far it is bent, as in WindowPlan.
     """
-    kind, bend_m = how
     fields = draw_field_pair(random, bend_m)
     seen = scans[0], scans[1] if random.random() < _BENT_CAMERA_SHARE else scans[0]
     resolution_a, resolution_b = random.choice(_BENT_RESOLUTIONS_M, 2).tolist()

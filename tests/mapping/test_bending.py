@@ -6,7 +6,6 @@ import pytest
 from mapping import se2
 from mapping.bending import bend_each
 from mapping.grid import OccupancyGrid
-from mapping.map_agreement import place
 from mapping.wall_map import WallMap, wall_map
 
 CELL_M = 0.05
@@ -87,10 +86,3 @@ def test_points_that_meet_nothing_stay_where_the_pose_puts_them():
     found = bend_each(walls_of(rooms()), points, np.full(50, CELL_M), pose)
     assert found.placed[0] == pytest.approx(se2.transform_points(pose[0], points))
     assert found.strain_m[0] == 0.0
-
-
-def test_points_are_placed_by_poses():
-    poses = np.random.default_rng(2).normal(size=(4, 3))
-    points = np.random.default_rng(3).normal(size=(6, 2))
-    for placed, pose in zip(place(points, poses), poses, strict=True):
-        assert placed == pytest.approx(se2.transform_points(pose, points))

@@ -11,6 +11,7 @@ from mapping.map_agreement import (
     judge_poses,
     limits_m,
     net_metres,
+    place,
     probe_of,
     surface_of,
 )
@@ -132,3 +133,10 @@ def test_cells_are_compared_by_area():
     assert free[0] == pytest.approx(np.count_nonzero(own == FREE) * CELL_M**2)
     assert wall[0] == pytest.approx(np.count_nonzero(own == WALL) * CELL_M**2)
     assert one_each[0] == 0.0
+
+
+def test_points_are_placed_by_poses():
+    poses = np.random.default_rng(2).normal(size=(4, 3))
+    points = np.random.default_rng(3).normal(size=(6, 2))
+    for placed, pose in zip(place(points, poses), poses, strict=True):
+        assert placed == pytest.approx(se2.transform_points(pose, points))
