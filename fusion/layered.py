@@ -39,8 +39,9 @@ class LayeredSettings:
     least_wall_m: of wall that both maps must show in one place; least_weak_m: of it, how much must hold the pose in its
     weakest direction. ambiguous: share of the best one's probability, if that is at least `likely`, at which another
     place makes it a toss. listed: alternatives are named from this probability on, and at most most_listed. twin_hits,
-    twin_conflicts: a pose that is not probable enough is ambiguous if it and another place each have at most this share
-    of contradicting wall, and the other at least this share of the best one's agreeing wall.
+    twin_conflicts: a pose of at least the probability `listed` that is not believed is ambiguous if it and another
+    place each have at most this share of contradicting wall, and the other at least this share of the best one's
+    agreeing wall.
     """
 
     accept: float = 0.95
@@ -154,7 +155,7 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
     needed = rule.accept_long if wall_m >= rule.long_wall_m else rule.accept
     if probability >= needed:
         return found
-    twin = _twin(weighed, rule)
+    twin = _twin(weighed, rule) if hopeful else None
     if twin is not None:
         return _toss(found, weighed, twin, rule, ranking)
     reason = (

@@ -81,7 +81,9 @@ class DepthSection(_Section):
     width: int = Field(848, gt=0, le=4096, description="of the image in pixels; 848x480 is what a D435 does best")
     height: int = Field(480, gt=0, le=4096)
     fps: int = Field(30, gt=0, le=300, description="images a second")
-    camera_info: str | None = Field(None, description="YAML with the intrinsics; null: the camera is asked")
+    camera_info: str | None = Field(
+        None, description="YAML with the intrinsics, for a camera that does not tell them; a RealSense does"
+    )
     mount: CameraMountSection = CameraMountSection()
     tilt: Literal["mount", "recorded"] = Field(
         "mount", description="of the camera; recorded: from poses in the recording, as for one held in the hand"
