@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Protocol
 
 from drivers.errors import DeviceLostError
@@ -22,6 +23,14 @@ class EmulatedDevice(Protocol):
         ...
 
 
+class PoweredDevice(EmulatedDevice, Protocol):
+    """A device that gets its supply through the same plug."""
+
+    def power_up(self, now_ns: int) -> None:
+        """Start anew, as after plugging in."""
+        ...
+
+
 class SimulatedClock:
     """Time that passes only when it is told to; call it for ns."""
 
@@ -38,13 +47,25 @@ class SimulatedClock:
 
 
 class EmulatedLink:
-    """A drivers.sources.ByteLink to a device that talks at device_baud; waiting in read lets simulated time pass."""
+    """A drivers.sources.ByteLink to a device that talks at device_baud; waiting in read lets simulated time pass.
 
-    def __init__(self, device: EmulatedDevice, clock: SimulatedClock, device_baud: int, baud: int) -> None:
+    on_line: is told the name and the state of each modem line that the host sets.
+    """
+
+    def __init__(
+        self,
+        device: EmulatedDevice,
+        clock: SimulatedClock,
+        device_baud: int,
+        baud: int,
+        *,
+        on_line: Callable[[str, bool], None] = lambda _line, _asserted: None,
+    ) -> None:
         self._device = device
         self._clock = clock
         self._device_baud = device_baud
         self._baud = baud
+        self._on_line = on_line
         self._received = b""
         self._unplugged = False
         self.closed = False
@@ -71,7 +92,12 @@ class EmulatedLink:
         self._baud, self._received = baud, b""
 
     def set_dtr(self, asserted: bool) -> None:
-        """Do nothing: the line does not exist here."""
+        """Tell whoever listens to the modem lines."""
+        self._on_line("dtr", asserted)
+
+    def set_rts(self, asserted: bool) -> None:
+        """Likewise."""
+        self._on_line("rts", asserted)
 
     def close(self) -> None:
         """Release the link; the device runs on."""

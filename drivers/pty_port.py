@@ -51,27 +51,36 @@ class PtyPort(Closing):
         self._device = device
         self._baud = baud
         self._clock = clock
+        self._link = link
+        self.bytes_lost = 0
+        self._failure: Exception | None = None
+        self._closing = threading.Event()
+        self.plug_in()
+
+    def plug_in(self) -> None:
+        """Serve again after unplug(), on a new `.name`; a link leads there."""
         self._master, slave = os.openpty()
         self.name = os.ttyname(slave)
         os.set_blocking(self._master, False)
-        _set_raw(self._master, baud)
+        _set_raw(self._master, self._baud)
         os.close(slave)
-        self._link = link
-        if link is not None:
-            self._place_link(link)
-        self.bytes_lost = 0
+        if self._link is not None:
+            self._place_link(self._link)
         self._had_client = False
-        self._failure: Exception | None = None
-        self._closing = threading.Event()
+        self._closing.clear()
         self._thread = threading.Thread(target=self._serve, name=f"pty {self.name}", daemon=True)
         self._thread.start()
 
-    def close(self) -> None:
-        """Unplug the device; raises what the device raised, if it did. Closing twice is allowed."""
+    def unplug(self) -> None:
+        """Take the port away: clients get errors, the link is gone; nobody asks the device for anything any more."""
         self._closing.set()
         self._thread.join()
         if self._link is not None and self._link.is_symlink() and str(self._link.readlink()) == self.name:
             self._link.unlink()
+
+    def close(self) -> None:
+        """Unplug the device; raises what the device raised, if it did. Closing twice is allowed."""
+        self.unplug()
         failure, self._failure = self._failure, None
         if failure is not None:
             raise failure

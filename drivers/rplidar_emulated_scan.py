@@ -34,10 +34,14 @@ _CONSISTENT_Q16 = 1 << 13  # 1/8 deg
 
 
 class Motor:
-    """Head angle over time; the speed follows the PWM duty at once, the angle never jumps."""
+    """Head angle over time; the speed follows the PWM duty at once, the angle never jumps.
 
-    def __init__(self, pwm: int, default_hz: float) -> None:
+    drift: share by which the speed swings around that, and the period in s.
+    """
+
+    def __init__(self, pwm: int, default_hz: float, drift: tuple[float, float] = (0.0, 1.0)) -> None:
         self._default_hz = default_hz
+        self._drift = drift
         self._starts_s = [0.0]
         self._turns = [0.0]
         self._rates_hz = [self._rate(pwm)]
@@ -63,7 +67,16 @@ class Motor:
         """Turns made by times_s (N,), growing."""
         part = np.maximum(np.searchsorted(self._starts_s, times_s, side="right") - 1, 0)
         starts_s, turns, rates_hz = (np.array(history) for history in (self._starts_s, self._turns, self._rates_hz))
-        return np.asarray(turns[part] + rates_hz[part] * (times_s - starts_s[part]), dtype=np.float64)
+        since_s = (
+            self._driven_s(times_s) - self._driven_s(starts_s[part]) if self._drift[0] else times_s - starts_s[part]
+        )
+        return np.asarray(turns[part] + rates_hz[part] * since_s, dtype=np.float64)
+
+    def _driven_s(self, times_s: FloatArray) -> FloatArray:
+        """How long a steady motor would need for the same turns: the integral of the relative speed."""
+        share, period_s = self._drift
+        circle = 2.0 * np.pi / period_s
+        return np.asarray(times_s - share / circle * np.cos(circle * times_s), dtype=np.float64)
 
     def _rate(self, pwm: int) -> float:
         return self._default_hz * pwm / DEFAULT_PWM

@@ -1,7 +1,7 @@
 """An RPLIDAR A2 in software, down to its bytes: what arrives on the wire goes in, what the sensor would send comes out.
 
-No thread and no clock: the caller says what time it is. Not imitated: motor run-up (the speed changes at once, data
-waits for the start-up delay), optical noise (put it into the ranger), warm-up, what health codes mean (unpublished).
+No thread and no clock: the caller says what time it is. Faults of the line are in drivers.faulty_line, those of the
+optics in drivers.emulated_optics. docs/lidar-emulator.md says what is not imitated.
 """
 
 from __future__ import annotations
@@ -9,28 +9,30 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
+from drivers.emulated_faults import Fault, FaultKind, FaultScript
+from drivers.emulated_optics import faulty_ranger
+from drivers.rplidar_answers import answer, board_answer, boot_text, split_requests
 from drivers.rplidar_emulated_scan import EmulatedScan, Motor, Ranger
 from drivers.rplidar_models import EmulatedModel
 from drivers.rplidar_protocol import (
     DEFAULT_PWM,
+    FIRST_FIRMWARE_WITH_CONF,
     MAX_PWM,
     PACKET_BYTES,
     PACKET_SAMPLES,
-    PWM_SUPPORTED,
-    SYNC,
     Answer,
     Command,
-    Conf,
     Descriptor,
+    Health,
     ScanMode,
-    checksum,
 )
 
 _BOOT_S = 0.03
 _STALE_REQUEST_S = 0.1  # half a request is forgotten after this
 _BOARD_COMMANDS = (Command.SET_PWM, Command.GET_ACC_BOARD_FLAG)  # the accessory board's: the core keeps scanning
 _LEGACY_EXPRESS_ID = 0
-_COMMANDS = frozenset(Command)
+_PROTECTION_STOP = 2
+_DRIFT_PERIOD_S = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,22 +44,35 @@ class EmulatorCounters:
 
 
 class RplidarEmulator:
-    """A sensor of the given model whose rays go to `ranger`, with accessory board and a motor that turns from power-up.
+    """A sensor of the given model whose rays go to `ranger`, with a motor that turns from power-up.
 
     startup_s: from a scan request to the first sample. hz_at_default_pwm: speed at PWM 660, in proportion elsewhere.
+    board: with the USB accessory board, which drives the motor; without it SET_PWM and GET_ACC_BOARD_FLAG meet silence.
     """
 
     def __init__(
-        self, model: EmulatedModel, ranger: Ranger, *, startup_s: float = 0.5, hz_at_default_pwm: float = 10.0
+        self,
+        model: EmulatedModel,
+        ranger: Ranger,
+        *,
+        startup_s: float = 0.5,
+        hz_at_default_pwm: float = 10.0,
+        board: bool = True,
+        script: FaultScript | None = None,
     ) -> None:
         self.model = model
-        self._ranger = ranger
+        self._script = script or FaultScript()
+        self._ranger = faulty_ranger(ranger, self._script)
         self._startup_ns = round(startup_s * 1e9)
-        self._motor = Motor(DEFAULT_PWM, hz_at_default_pwm)
+        drift = next(iter(self._script.of_kind(FaultKind.DRIFT)), Fault(FaultKind.DRIFT, (0.0,)))
+        self._motor = Motor(DEFAULT_PWM, hz_at_default_pwm, (drift.numbers[0], drift.number(1, _DRIFT_PERIOD_S)))
+        self._pwm = DEFAULT_PWM  # what was asked for; a stalled motor does not turn all the same
+        self._board = board
         self._mode: ScanMode | None = None  # requested and not stopped
         self._scan: EmulatedScan | None = None  # producing samples: needs a mode and a turning motor
-        self._fault: int | None = None
+        self._health = Health(0, 0)
         self._fault_outlives_reset = False
+        self._happened: set[Fault] = set()
         self._boot_until_ns: int | None = None
         self._half_request = b""
         self._heard_ns = 0
@@ -69,13 +84,25 @@ class RplidarEmulator:
         """A snapshot of the counters."""
         return EmulatorCounters(self._samples, self._bytes)
 
+    def power_up(self, now_ns: int) -> None:
+        """Start anew, as after unplugging and plugging in; faults of its health stay."""
+        self._half_request = b""
+        self._mode = self._scan = None
+        self._drive(DEFAULT_PWM, now_ns)
+        self._boot_until_ns = now_ns + round(_BOOT_S * 1e9)
+
+    def drive_motor(self, pwm: int, now_ns: int) -> None:
+        """Drive the MOTOCTL pin of a sensor without the accessory board, 0 to 1023; 0 stops."""
+        self._drive(min(pwm, MAX_PWM), now_ns)
+
     def trip_protection(self, error_code: int, *, outlives_reset: bool = False) -> None:
         """Enter the protection stop: health reports it and scan requests are ignored until a reset."""
-        self._fault, self._fault_outlives_reset = error_code, outlives_reset
+        self._health, self._fault_outlives_reset = Health(2, error_code), outlives_reset
         self._mode = self._scan = None
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Take request bytes, cut anywhere; return the answers. Noise, wrong checksums and unknown requests: none."""
+        self._suffer(now_ns)
         if now_ns - self._heard_ns > _STALE_REQUEST_S * 1e9:
             self._half_request = b""
         self._heard_ns = now_ns
@@ -86,10 +113,10 @@ class RplidarEmulator:
 
     def due(self, now_ns: int) -> bytes:
         """Return what the sensor sends of its own accord up to now: the boot banner, then the scan's packets."""
-        sent = b""
+        sent = self._suffer(now_ns)
         if self._boot_until_ns is not None and now_ns >= self._boot_until_ns:
             self._boot_until_ns = None
-            sent += self._banner()
+            sent += boot_text(self.model)
         if self._scan is not None:
             packets = self._scan.due(now_ns)
             if len(packets) and self._mode is not None:
@@ -98,11 +125,43 @@ class RplidarEmulator:
         self._bytes += len(sent)
         return sent
 
+    def _suffer(self, now_ns: int) -> bytes:
+        """Let happen what the script has for now; return what is sent because of it."""
+        sent = b""
+        for fault in self._script.of_kind(FaultKind.HEALTH, FaultKind.BANNER, FaultKind.REBOOT):
+            start_ns, end_ns = self._script.span_ns(fault)
+            if start_ns <= now_ns < end_ns and fault not in self._happened:
+                self._happened.add(fault)
+                sent += self._strike(fault)
+            elif now_ns >= end_ns and fault in self._happened:
+                self._happened.remove(fault)
+                self._health = Health(0, 0)
+        stalled = self._script.active(FaultKind.MOTOR_STALL, now_ns) is not None
+        if stalled == self._motor.running and self._pwm > 0:
+            self._turn(0 if stalled else self._pwm, now_ns)
+        return sent
+
+    def _strike(self, fault: Fault) -> bytes:
+        if fault.kind == FaultKind.BANNER:
+            return boot_text(self.model)
+        if fault.kind == FaultKind.REBOOT:
+            self._mode = self._scan = None
+            return boot_text(self.model)
+        status, code, stays = (int(number) for number in fault.numbers)
+        if status == _PROTECTION_STOP:
+            self.trip_protection(code, outlives_reset=bool(stays))
+        else:
+            self._health, self._fault_outlives_reset = Health(status, code), bool(stays)
+        return b""
+
     def _serve(self, command: int, payload: bytes, now_ns: int) -> bytes:
-        if self._boot_until_ns is not None and command not in _BOARD_COMMANDS:
+        if self._script.active(FaultKind.MUTE, now_ns, Command(command).name) is not None:
             return b""
-        if command not in _BOARD_COMMANDS:
-            self._mode = self._scan = None  # any request to the core ends a scan
+        if command in _BOARD_COMMANDS:
+            return self._serve_board(command, payload, now_ns) if self._board else b""
+        if self._boot_until_ns is not None:
+            return b""
+        self._mode = self._scan = None  # any request to the core ends a scan
         if command in (Command.SCAN, Command.FORCE_SCAN):
             forced = command == Command.FORCE_SCAN
             return self._start(self.model.mode_answering(Answer.NODES), now_ns, forced=forced)
@@ -110,25 +169,13 @@ class RplidarEmulator:
             return self._start_express(payload, now_ns)
         if command == Command.RESET:
             self._reset(now_ns)
-        elif command == Command.SET_PWM and len(payload) == 2:
-            self._set_pwm(struct.unpack("<H", payload)[0], now_ns)
-        return self._answer(command, payload)
+        return answer(self.model, self._health, command, payload)
 
-    def _answer(self, command: int, payload: bytes) -> bytes:
-        model = self.model
-        if command == Command.GET_INFO:
-            major, minor = model.firmware
-            return _reply(Answer.INFO, bytes((model.model_id, minor, major, model.hardware)) + model.serial)
-        if command == Command.GET_HEALTH:
-            return _reply(Answer.HEALTH, struct.pack("<BH", 0 if self._fault is None else 2, self._fault or 0))
-        if command == Command.GET_SAMPLERATE:
-            rates = (round(model.mode_answering(kind).sample_us) for kind in (Answer.NODES, Answer.EXPRESS))
-            return _reply(Answer.SAMPLERATE, struct.pack("<HH", *rates))
+    def _serve_board(self, command: int, payload: bytes, now_ns: int) -> bytes:
         if command == Command.GET_ACC_BOARD_FLAG:
-            return _reply(Answer.ACC_BOARD_FLAG, struct.pack("<I", PWM_SUPPORTED))
-        if command == Command.GET_LIDAR_CONF and len(payload) >= 4:
-            value = conf_entry(model, struct.unpack_from("<I", payload)[0], payload[4:])
-            return b"" if value is None else _reply(Answer.CONF, payload[:4] + value)
+            return board_answer()
+        if len(payload) == 2:
+            self._drive(min(struct.unpack("<H", payload)[0], MAX_PWM), now_ns)
         return b""
 
     def _start_express(self, payload: bytes, now_ns: int) -> bytes:
@@ -136,13 +183,15 @@ class RplidarEmulator:
             return b""
         if payload[0] == _LEGACY_EXPRESS_ID:
             return self._start(self.model.mode_answering(Answer.EXPRESS), now_ns)
-        mode = next((mode for mode in self.model.modes if mode.id == payload[0]), None)
+        lists_modes = self.model.firmware >= FIRST_FIRMWARE_WITH_CONF
+        mode = next((mode for mode in self.model.modes if lists_modes and mode.id == payload[0]), None)
         return b"" if mode is None else self._start(mode, now_ns)
 
     def _start(self, mode: ScanMode, now_ns: int, *, forced: bool = False) -> bytes:
-        if self._fault is not None and not forced:
+        if self._health.stopped and not forced:
             return b""
         self._mode = mode
+        self._script.begin(now_ns)
         self._run(now_ns)
         kind = Answer(mode.answer_type)
         return Descriptor(PACKET_BYTES[kind], repeats=True, kind=kind).encode()
@@ -153,9 +202,14 @@ class RplidarEmulator:
             start_ns = now_ns + self._startup_ns
             self._scan = EmulatedScan(self._mode, self.model.baud, self._motor, self._ranger, start_ns)
 
-    def _set_pwm(self, pwm: int, now_ns: int) -> None:
+    def _drive(self, pwm: int, now_ns: int) -> None:
+        self._pwm = pwm
+        if self._script.active(FaultKind.MOTOR_STALL, now_ns) is None:
+            self._turn(pwm, now_ns)
+
+    def _turn(self, pwm: int, now_ns: int) -> None:
         was_running = self._motor.running
-        self._motor.set_pwm(min(pwm, MAX_PWM), now_ns)
+        self._motor.set_pwm(pwm, now_ns)
         if not self._motor.running:
             self._scan = None
         elif not was_running:
@@ -164,73 +218,4 @@ class RplidarEmulator:
     def _reset(self, now_ns: int) -> None:
         self._boot_until_ns = now_ns + round(_BOOT_S * 1e9)
         if not self._fault_outlives_reset:
-            self._fault = None
-
-    def _banner(self) -> bytes:
-        """Undocumented text of 62 or 63 bytes, as an A2 prints it after a reset."""
-        major, minor = self.model.firmware
-        lines = (
-            "RP LIDAR System.",
-            f"Firmware Ver {major}.{minor} - rc2, HW Ver {self.model.hardware}",
-            f"Model: {self.model.model_id:02X}",
-        )
-        return "\r\n".join(lines).encode("ascii")
-
-
-def split_requests(data: bytes) -> tuple[list[tuple[int, bytes]], bytes]:
-    """Cut data into (command, payload) and the bytes of a request not complete yet; unsound bytes are skipped."""
-    requests: list[tuple[int, bytes]] = []
-    at = data.find(SYNC)
-    while 0 <= at < len(data) - 1:
-        command = data[at + 1]
-        if command not in _COMMANDS:  # not a request: its second byte may begin one
-            at = data.find(SYNC, at + 1)
-            continue
-        if not command & 0x80:
-            requests.append((command, b""))
-            at = data.find(SYNC, at + 2)
-            continue
-        if at + 3 > len(data) or at + 4 + data[at + 2] > len(data):
-            break
-        end = at + 4 + data[at + 2]
-        sound = checksum(data[at:end]) == 0
-        if sound:
-            requests.append((command, data[at + 3 : end - 1]))
-        at = data.find(SYNC, end if sound else at + 1)
-    return requests, data[at:] if at >= 0 else b""
-
-
-def conf_entry(model: EmulatedModel, entry: int, argument: bytes) -> bytes | None:
-    """The value that GET_LIDAR_CONF gives for an entry, None where the device stays silent (an assumption)."""
-    farthest_m = max(mode.max_distance_m for mode in model.modes)
-    general = {
-        Conf.ANGLE_RANGE: struct.pack("<II", 0, 360 << 8),
-        Conf.DESIRED_SPEED: struct.pack("<HH", 600, DEFAULT_PWM),
-        Conf.COMMAND_BITMAP: struct.pack("<I", (1 << len(model.modes)) - 1),
-        Conf.MIN_ROTATION: struct.pack("<H", 300),
-        Conf.MAX_ROTATION: struct.pack("<H", 900),
-        Conf.MAX_DISTANCE: struct.pack("<I", round(farthest_m * 256)),
-        Conf.MODE_COUNT: struct.pack("<H", len(model.modes)),
-        Conf.TYPICAL_MODE: struct.pack("<H", model.typical_id),
-        Conf.MAC: bytes(6),
-        Conf.MODEL_REVISION: struct.pack("<H", model.hardware),
-        Conf.MODEL_ALIAS: model.name.encode("ascii") + b"\0",
-        Conf.DETECTED_BAUD: struct.pack("<I", model.baud),
-    }
-    if entry in general:
-        return general[Conf(entry)]
-    mode_id = struct.unpack_from("<H", argument)[0] if len(argument) >= 2 else len(model.modes)
-    mode = next((mode for mode in model.modes if mode.id == mode_id), None)
-    if mode is None:
-        return None
-    of_mode = {
-        Conf.MODE_SAMPLE_US: struct.pack("<I", round(mode.sample_us * 256)),
-        Conf.MODE_MAX_DISTANCE: struct.pack("<I", round(mode.max_distance_m * 256)),
-        Conf.MODE_ANSWER: struct.pack("<B", mode.answer_type),
-        Conf.MODE_NAME: mode.name.encode("ascii") + b"\0",
-    }
-    return of_mode[Conf(entry)] if entry in of_mode else None
-
-
-def _reply(kind: Answer, payload: bytes) -> bytes:
-    return Descriptor(len(payload), repeats=False, kind=kind).encode() + payload
+            self._health = Health(0, 0)

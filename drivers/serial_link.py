@@ -83,16 +83,23 @@ class SerialLink:
 
     def set_dtr(self, asserted: bool) -> None:
         """Set the DTR line; a link without one (a pseudo-terminal) ignores it."""
-        try:
-            self._device.dtr = asserted
-        except OSError as error:
-            if error.errno not in _NO_SUCH_LINE:
-                raise self._lost("setting DTR", error) from error
+        self._set_line("dtr", asserted)
+
+    def set_rts(self, asserted: bool) -> None:
+        """Set the RTS line, likewise."""
+        self._set_line("rts", asserted)
 
     def close(self) -> None:
         """Release the port; closing twice, or after the device went, is allowed."""
         with contextlib.suppress(OSError):
             self._device.close()
+
+    def _set_line(self, name: str, asserted: bool) -> None:
+        try:
+            setattr(self._device, name, asserted)
+        except OSError as error:
+            if error.errno not in _NO_SUCH_LINE:
+                raise self._lost(f"setting {name.upper()}", error) from error
 
     def _read_blocking(self, timeout_s: float) -> bytes:
         if self._device.timeout != timeout_s:

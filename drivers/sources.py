@@ -54,6 +54,10 @@ class ByteLink(Protocol):
         """Set the DTR line (motor of A1-style boards); links without the line ignore it."""
         ...
 
+    def set_rts(self, asserted: bool) -> None:
+        """Set the RTS line, likewise."""
+        ...
+
     def close(self) -> None:
         """Release the link; closing twice is allowed."""
         ...

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
+from drivers.emulated_faults import FaultKind, FaultScript
+from drivers.faulty_line import FaultyLine
 from drivers.pty_port import PtyPort
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import EmulatedModel
@@ -70,14 +72,53 @@ def simulated_lidar(world: str, drive: Drive, *, noise: bool, seed: int) -> Simu
     )
 
 
+class EmulatedSensor:
+    """An RPLIDAR on a pseudo-terminal with the faults of a script: what `emulate lidar` serves."""
+
+    def __init__(
+        self,
+        model: EmulatedModel,
+        ranger: SimulatedLidar,
+        *,
+        board: bool = True,
+        script: FaultScript | None = None,
+        link: Path | None = None,
+    ) -> None:
+        self._clock = RunClock()
+        self._script = script or FaultScript()
+        self.emulator = RplidarEmulator(model, ranger, board=board, script=self._script)
+        self._line = FaultyLine(self.emulator, self._script, model.baud)
+        self._link = link
+        self.port = PtyPort(self._line, model.baud, link=link)
+        self._plugged = True
+
+    @property
+    def address(self) -> str:
+        """What to open."""
+        return str(self._link) if self._link is not None else self.port.name
+
+    def follow_script(self) -> str | None:
+        """Pull the plug or put it back where it is time; return what was done, `unplugged` or `plugged`."""
+        now_ns = self._clock.monotonic_ns()
+        wanted = self._script.active(FaultKind.UNPLUG, now_ns) is None
+        if wanted == self._plugged:
+            return None
+        self._plugged = wanted
+        if not wanted:
+            self.port.unplug()
+            return "unplugged"
+        self._line.power_up(now_ns)
+        self.port.plug_in()
+        return "plugged"
+
+
 def serve_lidar(
-    model: EmulatedModel,
+    sensor: EmulatedSensor,
     ranger: SimulatedLidar,
     drive: Drive,
     stop: threading.Event,
     *,
     truth: Path | None,
-    link: Path | None,
     as_json: bool,
     car: Callable[[int | None], None] = lambda _: None,
 ) -> None:
@@ -87,31 +128,30 @@ def serve_lidar(
     """
     clock = RunClock()
     car(None)
-    shared = False
-    emulator = RplidarEmulator(model, ranger)
-    with PtyPort(emulator, model.baud, link=link) as port:
-        address = str(link) if link is not None else port.name
-        _announce(as_json, "ready", address=address, model=model.name, baud=model.baud, drive=drive.name)
-        departed = arrived = False
+    model = sensor.emulator.model
+    with sensor.port:
+        _announce(as_json, "ready", address=sensor.address, model=model.name, baud=model.baud, drive=drive.name)
+        waiting = [(0.0, "departed"), (drive.duration_s, "arrived")]
+        shared = False
         while not stop.wait(_POLL_S):
+            event = sensor.follow_script()
+            if event is not None:
+                _announce(as_json, event, address=sensor.address)
             start_ns = ranger.start_ns
             if start_ns is None:
                 continue
             if not shared:
                 car(start_ns)
                 shared = True
-            if not departed and clock.monotonic_ns() >= start_ns:
-                departed = True
-                _announce(as_json, "departed", seconds=round(drive.duration_s, 1))
-            if not arrived and clock.monotonic_ns() >= start_ns + drive.duration_s * 1e9:
-                arrived = True
-                _announce(as_json, "arrived")
+            while waiting and clock.monotonic_ns() >= start_ns + waiting[0][0] * 1e9:
+                _, name = waiting.pop(0)
+                _announce(as_json, name, **({"seconds": round(drive.duration_s, 1)} if name == "departed" else {}))
     if truth is not None and ranger.start_ns is not None:
         shift_ns = ranger.start_ns + clock.offset_ns - int(drive.truth.stamps_ns[0])
         with writing_to(truth):
             write_tum(truth, replace(drive.truth, stamps_ns=drive.truth.stamps_ns + shift_ns))
-    counters = emulator.counters
-    _announce(as_json, "stopped", samples_emitted=counters.samples_emitted, bytes_lost=port.bytes_lost)
+    counters = sensor.emulator.counters
+    _announce(as_json, "stopped", samples_emitted=counters.samples_emitted, bytes_lost=sensor.port.bytes_lost)
 
 
 def car_writer(path: Path | None, world: str, drive: Drive) -> Callable[[int | None], None]:

@@ -148,6 +148,20 @@ def test_unplugging() -> None:
     port.close()
 
 
+def test_a_device_that_is_plugged_in_again_is_behind_the_same_link(tmp_path: Path) -> None:
+    link = tmp_path / "lidar"
+    _, port = serve(link=link)
+    with port:
+        for _ in range(2):
+            with open_rplidar(str(link)) as lidar:
+                lidar.start()
+                port.unplug()
+                assert not link.is_symlink()
+                with pytest.raises(DeviceLostError):
+                    list(lidar)
+            port.plug_in()
+
+
 def test_a_link_to_the_port(tmp_path: Path) -> None:
     link = tmp_path / "lidar"
     link.symlink_to("/nowhere")

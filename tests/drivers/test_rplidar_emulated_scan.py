@@ -45,6 +45,16 @@ def test_motor_angle_is_continuous_over_speed_changes() -> None:
     assert motor.turns(np.array([3.0, 9.0])).tolist() == pytest.approx([25.0, 25.0])
 
 
+def test_a_drifting_motor_swings_around_its_speed() -> None:
+    motor, share, period_s = Motor(660, 10.0, (0.1, 8.0)), 0.1, 8.0
+    motor.set_pwm(330, 16 * S)
+    times = np.arange(0.0, 32.0, 0.001)
+    rate = np.diff(motor.turns(times)) / 0.001
+    expected = np.where(times < 16.0, 10.0, 5.0) * (1.0 + share * np.sin(2 * np.pi * times / period_s))
+    assert np.abs(rate - expected[:-1]).max() < 0.02
+    assert motor.turns(np.array([16.0, 32.0])).tolist() == pytest.approx([160.0, 240.0])
+
+
 @pytest.mark.parametrize("kind", list(DECODE))
 def test_decoded_samples_are_where_the_rays_went(kind: Answer) -> None:
     world = Recorder()

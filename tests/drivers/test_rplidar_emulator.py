@@ -5,8 +5,12 @@ import struct
 import numpy as np
 import pytest
 
-from drivers.rplidar_emulator import RplidarEmulator, split_requests
-from drivers.rplidar_models import A2M8, A2M12
+from drivers.emulated_faults import FaultScript, parse_script
+from drivers.emulated_link import EmulatedLink, SimulatedClock
+from drivers.rplidar import connect
+from drivers.rplidar_answers import split_requests
+from drivers.rplidar_emulator import RplidarEmulator
+from drivers.rplidar_models import A2M4, A2M8, A2M12, MODELS
 from drivers.rplidar_protocol import (
     Answer,
     Command,
@@ -150,3 +154,89 @@ def test_protection_stop(outlives: bool) -> None:
     found = find_descriptor(answer, Answer.HEALTH)
     assert found is not None
     assert parse_health(answer[found[1] :]).stopped == outlives
+
+
+def test_old_firmware_ignores_what_it_does_not_know() -> None:
+    for model in (A2M4, A2M8.with_firmware((1, 20))):
+        device = emulator(model)
+        assert all(device.receive(conf_request(entry, 0), 0) == b"" for entry in Conf)
+        assert device.receive(request(Command.GET_SAMPLERATE), 0)[7:] == struct.pack("<HH", 500, 250)
+        assert device.receive(express_request(1), 0) == b""
+        assert device.receive(express_request(0), 0) != b""
+    assert emulator(A2M8.with_firmware((1, 15))).receive(request(Command.GET_SAMPLERATE), 0) == b""
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+def test_each_personality_lists_to_the_driver_what_it_offers(model) -> None:
+    clock = SimulatedClock()
+    device = emulator(model)
+    link = lambda baud: EmulatedLink(device, clock, model.baud, baud)  # noqa: E731
+    with connect(link, clock=clock, sleep=clock.sleep) as lidar:
+        assert (lidar.info().model, lidar.baud) == (model.name, model.baud)
+        names = [(mode.name, mode.sample_us, mode.answer_type) for mode in lidar.scan_modes()]
+        assert names == [(mode.name, mode.sample_us, mode.answer_type) for mode in model.modes]
+        assert lidar.typical_mode().name == model.modes[model.typical_id].name
+
+
+def test_bare_wiring_has_no_board_and_a_motor_pin() -> None:
+    device = RplidarEmulator(A2M8, wall, startup_s=0.0, board=False)
+    assert device.receive(accessory_flag_request(), 0) == b""
+    device.receive(express_request(0), 0)
+    device.receive(pwm_request(0), 0)
+    assert device.due(S) != b""
+    device.drive_motor(0, S)
+    assert device.due(2 * S) == b""
+    device.drive_motor(660, 2 * S)
+    assert device.due(3 * S) != b""
+
+
+def faulty(script: str, **options) -> RplidarEmulator:
+    return RplidarEmulator(A2M8, wall, startup_s=0.0, script=FaultScript(parse_script(script), 1), **options)
+
+
+def test_a_stalled_motor_stops_the_data_and_a_freed_one_resumes_it() -> None:
+    device = faulty("motor-stall@1+1")
+    device.receive(express_request(3), 0)
+    assert device.due(S - 1) != b""
+    device.due(S)
+    assert device.due(2 * S - 1) == b""
+    device.receive(pwm_request(700), 2 * S - 1)
+    device.due(2 * S)
+    assert device.due(3 * S) != b""
+
+
+@pytest.mark.parametrize(("stays", "after"), [("", 0), (":stays", 2)])
+def test_health_by_script(stays: str, after: int) -> None:
+    device = faulty(f"health=error:0x8001{stays}")
+    health = parse_health(device.receive(request(Command.GET_HEALTH), 0)[7:])
+    assert (health.status, health.error_code) == (2, 0x8001)
+    assert device.receive(request(Command.SCAN), 0) == b""
+    device.receive(request(Command.RESET), 0)
+    device.due(S)
+    assert parse_health(device.receive(request(Command.GET_HEALTH), S)[7:]).status == after
+
+
+def test_a_warning_scans_and_passes() -> None:
+    device = faulty("health=warning:7@1+1")
+    assert device.receive(request(Command.SCAN), 0) != b""
+    states = [parse_health(device.receive(request(Command.GET_HEALTH), at)[7:]).status for at in (0, S, 2 * S)]
+    assert states == [0, 1, 0]
+    assert device.receive(request(Command.SCAN), S) != b""
+
+
+def test_a_mute_request_a_banner_and_a_reboot() -> None:
+    device = faulty("mute=GET_INFO\nbanner@1\nreboot@2")
+    assert device.receive(request(Command.GET_INFO), 0) == b""
+    device.receive(request(Command.SCAN), 0)
+    assert b"RP LIDAR System" in device.due(S)
+    assert b"RP LIDAR System" not in device.due(S + S // 2)
+    assert device.due(2 * S).startswith(b"RP LIDAR System")
+    assert device.due(3 * S) == b""
+
+
+def test_power_up_ends_the_scan_and_prints_the_banner() -> None:
+    device = emulator(startup_s=0.0)
+    device.receive(express_request(0), 0)
+    device.power_up(S)
+    assert device.due(2 * S).startswith(b"RP LIDAR System.")
+    assert device.due(3 * S) == b""
