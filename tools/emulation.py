@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from drivers.emulated_faults import FaultKind, FaultScript
+from drivers.emulated_faults import FaultError, FaultKind, FaultScript, parse_fault, parse_script
 from drivers.faulty_line import FaultyLine
 from drivers.pty_port import PtyPort
 from drivers.rplidar_emulator import RplidarEmulator
@@ -20,6 +20,7 @@ from mapping.trajectory import Trajectory, read_tum, write_tum
 from tools.clock import RunClock
 from tools.config import Config
 from tools.emulated_camera import EmulatedCar
+from tools.errors import UsageError
 from tools.results import writing_to
 from tools.simulator import SimulatedLidar, drive_along
 from tools.world import TOURS, load_world
@@ -70,6 +71,27 @@ def simulated_lidar(world: str, drive: Drive, *, noise: bool, seed: int) -> Simu
         dropout=DROPOUT if noise else 0.0,
         seed=seed,
     )
+
+
+def with_firmware(model: EmulatedModel, firmware: str | None) -> EmulatedModel:
+    """Return the model with the firmware of the command line, such as 1.20; raises UsageError."""
+    if firmware is None:
+        return model
+    major, dot, minor = firmware.partition(".")
+    if not (dot and major.isdecimal() and minor.isdecimal() and int(major) < 256 and int(minor) < 256):
+        raise UsageError(f"--firmware {firmware}: expected major and minor, such as 1.20")
+    return model.with_firmware((int(major), int(minor)))
+
+
+def read_faults(faults: Sequence[str], file: Path | None, seed: int) -> FaultScript:
+    """Return the script of the command line and of a file; raises UsageError."""
+    try:
+        scripted = () if file is None else parse_script(file.read_text(encoding="utf-8"))
+        return FaultScript((*scripted, *map(parse_fault, faults)), seed)
+    except FaultError as error:
+        raise UsageError(str(error)) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"--faults {file}: cannot be read as text ({error})") from error
 
 
 class EmulatedSensor:

@@ -21,6 +21,13 @@ class Tour(str, Enum):
     east = "wings-east"
 
 
+class Wiring(str, Enum):
+    """How the emulated lidar is connected."""
+
+    board = "board"
+    bare = "bare"
+
+
 app = typer.Typer(help="Emulate a device.", no_args_is_help=True, rich_markup_mode=None)
 
 
@@ -31,7 +38,7 @@ def devices() -> None:
 
 @app.command()
 def lidar(
-    model: Annotated[str, typer.Option(help="A2M8 (115200 baud) or A2M12 (256000 baud).")] = "A2M8",
+    model: Annotated[str, typer.Option(help="A2M4, A2M6, A2M8 (115200 baud) or A2M12 (256000 baud).")] = "A2M8",
     world: Annotated[
         str | None,
         typer.Option(
@@ -58,22 +65,51 @@ def lidar(
         typer.Option(metavar="FILE", help="Say here where the car is, for its camera: `run --depth emulated:FILE`."),
     ] = None,
     noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Range noise and missing returns.")] = True,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the noise and of the faults.")] = 0,
+    wiring: Annotated[
+        Wiring, typer.Option(help="With the USB accessory board, which drives the motor, or on a bare UART.")
+    ] = Wiring.board,
+    firmware: Annotated[
+        str | None,
+        typer.Option(metavar="MAJOR.MINOR", help="Another firmware; before 1.24 it has the two legacy modes alone."),
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND[=VALUE][@START[+S]]",
+            help="What goes wrong, such as flip=0.002, silence@5+2 or unplug@10+3; may be repeated.",
+        ),
+    ] = None,
+    fault_file: Annotated[
+        Path | None, typer.Option("--faults", metavar="FILE", help="A script of faults, one a line; # for comments.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """An RPLIDAR A2 on a pseudo-terminal, in a car that drives through a world; serves until Ctrl-C.
 
     Without --pose and --trajectory it drives through the office. The car sets out a second after the
-    first sample is asked for. One line for each event goes to stdout, the port's path first.
+    first sample is asked for. One line for each event goes to stdout, the port's path first. Faults: flip, drop, chunk,
+    latency, stall, silence, unplug, motor-stall, health, slow, mute, banner, reboot, jitter, drift, invalid, noise; see
+    docs/lidar-emulator.md.
     """
     from drivers.rplidar_models import MODELS
-    from tools.emulation import Drive, car_writer, serve_lidar, simulated_lidar
+    from tools.emulation import (
+        Drive,
+        EmulatedSensor,
+        car_writer,
+        read_faults,
+        serve_lidar,
+        simulated_lidar,
+        with_firmware,
+    )
     from tools.results import check_new_file
     from tools.signals import stop_on_signals
     from tools.world import TOURS
 
     if model not in MODELS:
         raise UsageError(f"--model {model}: unknown, choose one of {', '.join(MODELS)}")
+    emulated = with_firmware(MODELS[model], firmware)
+    script = read_faults(fault or [], fault_file, seed)
     if pose is not None and trajectory is not None:
         raise UsageError("--pose and --trajectory exclude each other: give one")
     if pose is not None and not all(math.isfinite(value) for value in pose):
@@ -94,4 +130,5 @@ def lidar(
     ranger = simulated_lidar(world or toured, drive, noise=noise, seed=seed)
     with stop_on_signals() as stop:
         share = car_writer(car, world or toured, drive)
-        serve_lidar(MODELS[model], ranger, drive, stop, truth=truth, link=link, as_json=as_json, car=share)
+        sensor = EmulatedSensor(emulated, ranger, board=wiring == Wiring.board, script=script, link=link)
+        serve_lidar(sensor, ranger, drive, stop, truth=truth, as_json=as_json, car=share)
