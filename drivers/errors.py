@@ -37,6 +37,10 @@ class DeviceFaultError(DriverError):
     """The device answers and reports a fault of its own (protection stop, stalled motor, refused command)."""
 
 
+class MotorStalledError(DeviceFaultError):
+    """The sensor answers, but measures nothing: its head does not turn, or not steadily."""
+
+
 class DeviceLostError(DriverError):
     """The device was there and went away during use (unplugged, silent)."""
 

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import threading
 import time
+import weakref
 from collections.abc import Callable, Iterator
 
-from drivers.errors import DeviceFaultError, DeviceLostError, DriverError
+from drivers.errors import DeviceFaultError, DeviceLostError, DriverError, MotorStalledError
 from drivers.messages import LidarStream, Message, RawChunk
 from drivers.rplidar_channel import PROBE_BAUDS, RplidarChannel, probe_baud
 from drivers.rplidar_modes import ScanModes, read_sample_rate, read_scan_modes
+from drivers.rplidar_motor import LidarMotor, MotorControl
 from drivers.rplidar_protocol import (
     DEFAULT_PWM,
     PACKET_BYTES,
-    PWM_SUPPORTED,
     Answer,
     Command,
     DeviceInfo,
     Health,
     SampleRate,
     ScanMode,
-    accessory_flag_request,
     express_request,
     parse_health,
-    pwm_request,
     request,
 )
 from drivers.serial_link import open_serial
@@ -32,14 +31,21 @@ from drivers.sources import ByteLink, Closing
 _READ_S = 0.1  # also how soon request_stop is noticed
 _GATHER_S = 0.02  # between reads: five a turn cost a fraction of what each few bytes by themselves would
 _FIRST_DATA_S = 5.0  # the head needs up to 4 s to reach a stable speed
-_SILENCE_S = 2.0
+_SILENCE_S = 0.5  # a packet comes every 12 ms at most; with the question after it, told within 1 s
+_STILL_THERE_S = 0.2
 _BOOT_S = 15.0  # firmware that starts slowly has been seen to need most of it
 _BOOT_POLL_S = 0.2
 
 
-def open_rplidar(port: str, *, baud: int | None = None, clock: Callable[[], int] = time.monotonic_ns) -> Rplidar:
+def open_rplidar(
+    port: str,
+    *,
+    baud: int | None = None,
+    motor: MotorControl = MotorControl.AUTO,
+    clock: Callable[[], int] = time.monotonic_ns,
+) -> Rplidar:
     """Open the sensor on `port` (path or pyserial URL); see connect."""
-    return connect(lambda rate: open_serial(port, rate), clock=clock, baud=baud, port=port)
+    return connect(lambda rate: open_serial(port, rate), clock=clock, baud=baud, motor=motor, port=port)
 
 
 def connect(
@@ -47,6 +53,7 @@ def connect(
     *,
     clock: Callable[[], int],
     baud: int | None = None,
+    motor: MotorControl = MotorControl.AUTO,
     sleep: Callable[[float], None] = time.sleep,
     port: str = "lidar",
 ) -> Rplidar:
@@ -63,13 +70,14 @@ def connect(
     except BaseException:
         link.close()
         raise
-    return Rplidar(channel, found[0], found[1], clock=clock, sleep=sleep, port=port)
+    return Rplidar(channel, *found, LidarMotor(channel, motor, sleep), clock=clock, sleep=sleep, port=port)
 
 
 class Rplidar(Closing):
     """A connected sensor. Iterating after start() gives the LidarStream, then each read as a RawChunk.
 
-    Questions end a running scan, as they do on the device itself.
+    Questions end a running scan, as they do on the device itself. Scan and motor stop on close(), and if that is never
+    called, when the object goes or the interpreter exits.
     """
 
     def __init__(
@@ -77,6 +85,7 @@ class Rplidar(Closing):
         channel: RplidarChannel,
         baud: int,
         info: DeviceInfo,
+        motor: LidarMotor,
         *,
         clock: Callable[[], int],
         sleep: Callable[[float], None],
@@ -89,15 +98,20 @@ class Rplidar(Closing):
         self._sleep = sleep
         self._port = port
         self._modes: ScanModes | None = None
-        self._motor_control: bool | None = None
+        self._motor = motor
         self._stream: LidarStream | None = None
         self._early = RawChunk(0, b"")  # what came together with the stream's descriptor
         self._stop_requested = threading.Event()
-        self._closed = False
+        self._shut = weakref.finalize(self, _shut, channel, motor)
 
     def info(self) -> DeviceInfo:
         """Model, firmware, hardware and serial number, as answered on connecting."""
         return self._info
+
+    def has_motor_board(self) -> bool:
+        """Whether an accessory board drives the motor; on a bare UART there is none, and nothing answers for it."""
+        self._end_scan()
+        return self._motor.has_board()
 
     def health(self) -> Health:
         """Ask for the device's own verdict on itself."""
@@ -124,8 +138,7 @@ class Rplidar(Closing):
         chosen = self._known_modes().find(mode)
         self._end_scan()
         self._ensure_healthy()
-        self._channel.link.set_dtr(False)
-        self._set_motor(pwm)
+        self._motor.start(pwm)
         standard = chosen.answer_type == Answer.NODES
         question = request(Command.SCAN) if standard else express_request(chosen.id)
         early = self._channel.begin(question, chosen.answer_type, PACKET_BYTES[Answer(chosen.answer_type)])
@@ -152,7 +165,7 @@ class Rplidar(Closing):
     def __iter__(self) -> Iterator[Message]:
         """The stream's description and its chunks until request_stop() or stop(); starts the typical mode if none runs.
 
-        Raises DeviceFaultError if the first data does not come, DeviceLostError on unplugging or later silence.
+        Raises MotorStalledError if no data come though the sensor answers, DeviceLostError on unplugging and silence.
         """
         stream = self._stream or self.start()
         yield stream
@@ -194,20 +207,9 @@ class Rplidar(Closing):
 
     def close(self) -> None:
         """Stop the scan and the motor and release the port; a lost link and a second call are fine."""
-        if self._closed:
-            return
-        self._closed = True
         self._stream = None
         self.request_stop()
-        try:
-            self._channel.link.write(request(Command.STOP))
-            if self._motor_control:
-                self._sleep(0.01)
-                self._channel.link.write(pwm_request(0))
-        except DriverError:
-            pass  # the link is gone: nothing is left to stop
-        finally:
-            self._channel.link.close()
+        self._shut()
 
     def _known_modes(self) -> ScanModes:
         if self._modes is None:
@@ -240,23 +242,27 @@ class Rplidar(Closing):
                 " free the head, check the 5 V supply, then power-cycle the lidar"
             )
 
-    def _set_motor(self, pwm: int) -> None:
-        """Drive the motor through the accessory board; a lidar on a bare UART does not have one."""
-        wanted = pwm_request(pwm)
-        if self._motor_control is None:
-            flags = self._channel.ask(accessory_flag_request(), Answer.ACC_BOARD_FLAG, 4, attempts=1)
-            self._motor_control = flags is not None and bool(flags[0] & PWM_SUPPORTED)
-        if self._motor_control:
-            self._channel.link.write(wanted)
-            self._sleep(0.01)
-
     def _check_silence(self, silent_s: float, flowing: bool) -> None:
-        if flowing and silent_s > _SILENCE_S:
+        """Raise if it lasts too long, after asking the sensor whether it is still there."""
+        if silent_s <= (_SILENCE_S if flowing else _FIRST_DATA_S):
+            return
+        question = request(Command.GET_HEALTH)
+        if self._channel.ask(question, Answer.HEALTH, 3, attempts=1, timeout_s=_STILL_THERE_S) is None:
             raise DeviceLostError(
-                f"{self._port}: no data for {silent_s:.1f} s during a scan: check the cable and the 5 V supply"
+                f"{self._port}: no data for {silent_s:.1f} s during a scan, and no answer:"
+                " check the cable and the 5 V supply"
             )
-        if not flowing and silent_s > _FIRST_DATA_S:
-            raise DeviceFaultError(
-                f"{self._port}: scanning, but no data within {silent_s:.1f} s: the motor does not turn or not steadily:"
-                " free the head, check the motor's PWM wire and the 5 V supply"
-            )
+        raise MotorStalledError(
+            f"{self._port}: the lidar answers, but sends no data for {silent_s:.1f} s: the motor does not turn or not"
+            " steadily: free the head, check the motor's PWM wire and the 5 V supply"
+        )
+
+
+def _shut(channel: RplidarChannel, motor: LidarMotor) -> None:
+    try:
+        channel.link.write(request(Command.STOP))
+        motor.stop()
+    except DriverError:
+        pass  # the link is gone: nothing is left to stop
+    finally:
+        channel.link.close()

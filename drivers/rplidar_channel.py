@@ -48,25 +48,38 @@ class RplidarChannel:
         *,
         attempts: int = 3,
         timeout_s: float = ANSWER_TIMEOUT_S,
+        prefix: bytes = b"",
     ) -> bytes | None:
-        """Send question until its single answer arrives: the payload, of `size` bytes if given; None if none came."""
-        for _ in range(attempts):
-            answer = self._await(question, kind, repeats=False, size=size, timeout_s=timeout_s)
-            if answer is not None:
-                return answer
-            self.quieten()
-        return None
+        """Send question until its single answer arrives: the payload, of `size` bytes if given; None if none came.
+
+        prefix: what the payload begins with, to tell the answer from a late one to an earlier question.
+        """
+
+        def find(heard: bytes) -> bytes | None:
+            return _find_answer(heard, kind, size, prefix)
+
+        return self._insist(question, find, attempts, timeout_s)
 
     def begin(self, question: bytes, kind: int, size: int, *, attempts: int = 3) -> bytes | None:
         """Send question until its endless answer begins: the bytes behind the descriptor so far; None if none came."""
+
+        def find(heard: bytes) -> bytes | None:
+            found = find_descriptor(heard, kind, repeats=True, size=size)
+            return None if found is None else heard[found[1] :]
+
+        return self._insist(question, find, attempts, ANSWER_TIMEOUT_S)
+
+    def _insist(
+        self, question: bytes, find: Callable[[bytes], bytes | None], attempts: int, timeout_s: float
+    ) -> bytes | None:
         for _ in range(attempts):
-            answer = self._await(question, kind, repeats=True, size=size, timeout_s=ANSWER_TIMEOUT_S)
+            answer = self._await(question, find, timeout_s)
             if answer is not None:
                 return answer
             self.quieten()
         return None
 
-    def _await(self, question: bytes, kind: int, *, repeats: bool, size: int | None, timeout_s: float) -> bytes | None:
+    def _await(self, question: bytes, find: Callable[[bytes], bytes | None], timeout_s: float) -> bytes | None:
         self.link.write(question)
         deadline = self._clock() + round(timeout_s * 1e9)
         heard = b""
@@ -74,15 +87,21 @@ class RplidarChannel:
             data = self.link.read(left_ns * 1e-9)
             self.bytes_heard += len(data)
             heard = (heard + data)[-_REMEMBERED_BYTES:]
-            found = find_descriptor(heard, kind, repeats=repeats, size=size)
-            if found is None:
-                continue
-            descriptor, start = found
-            if repeats:
-                return heard[start:]
-            if len(heard) >= start + descriptor.size:
-                return heard[start : start + descriptor.size]
+            answer = find(heard)
+            if answer is not None:
+                return answer
         return None
+
+
+def _find_answer(heard: bytes, kind: int, size: int | None, prefix: bytes) -> bytes | None:
+    at = 0
+    while (found := find_descriptor(heard[at:], kind, size=size)) is not None:
+        descriptor, start = found
+        payload = heard[at + start : at + start + descriptor.size]
+        if len(payload) == descriptor.size and payload.startswith(prefix):
+            return payload
+        at += start
+    return None
 
 
 def probe_baud(channel: RplidarChannel, bauds: Sequence[int], port: str) -> tuple[int, DeviceInfo]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from dataclasses import dataclass
 
 from drivers.errors import DeviceFaultError
@@ -46,7 +47,7 @@ class ScanModes:
         for mode in self.modes:
             if mode.name.lower() == name.lower():
                 return mode
-        names = ", ".join(mode.name for mode in self.modes)
+        names = ", ".join(mode.text for mode in self.modes)
         raise DeviceFaultError(f"this lidar has no scan mode {name!r}, it offers {names}: choose one of these")
 
 
@@ -91,7 +92,8 @@ def _read_mode(channel: RplidarChannel, mode_id: int) -> ScanMode | None:
 
 
 def _read(channel: RplidarChannel, entry: Conf, mode_id: int | None = None) -> bytes | None:
-    answer = channel.ask(conf_request(entry, mode_id), Answer.CONF, attempts=2)
+    echo = struct.pack("<I", entry)
+    answer = channel.ask(conf_request(entry, mode_id), Answer.CONF, attempts=2, prefix=echo)
     return None if answer is None else conf_value(answer, entry)
 
 

@@ -145,6 +145,12 @@ class ScanMode:
     max_distance_m: float
     answer_type: int
 
+    @property
+    def text(self) -> str:
+        """Name, rate, range and answer type, for the user."""
+        rate = 1e6 / self.sample_us
+        return f"{self.name} ({rate:.0f} samples/s, {self.max_distance_m:g} m, 0x{self.answer_type:02X})"
+
 
 def request(command: int, payload: bytes = b"") -> bytes:
     """Bytes of a request; those whose code has bit 7 carry length, payload and XOR checksum."""

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import grp
 import io
 import os
 import select
+import termios
+from pathlib import Path
 
 import serial
 from serial.tools import list_ports
@@ -18,7 +21,9 @@ from drivers.errors import (
     PortMissingError,
     PortPermissionError,
 )
+from drivers.sources import Closing
 
+_USUAL_GROUP = "dialout"
 _READ_BYTES = 4096  # the size of the kernel's tty buffer: one read takes all that waits
 _WRITE_TIMEOUT_S = 1.0
 _NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL)  # what a pseudo-terminal answers when asked for a modem line
@@ -44,15 +49,17 @@ def open_serial(port: str, baud: int) -> SerialLink:
     return SerialLink(port, device)
 
 
-class SerialLink:
+class SerialLink(Closing):
     """An open port; see drivers.sources.ByteLink."""
 
     def __init__(self, port: str, device: serial.Serial) -> None:
         self.port = port
         self._device = device
         self._descriptor: int | None = None
-        with contextlib.suppress(io.UnsupportedOperation):  # loop://, rfc2217:// and Windows have nothing to select on
+        with contextlib.suppress(io.UnsupportedOperation):  # loop:// and rfc2217:// have nothing to select on
             self._descriptor = device.fileno()
+        if self._descriptor is not None:
+            _keep_lines(self._descriptor)
 
     def read(self, timeout_s: float) -> bytes:
         """Return all that has arrived, waiting up to timeout_s for the first byte; DeviceLostError if the port went."""
@@ -114,6 +121,14 @@ class SerialLink:
         )
 
 
+def _keep_lines(descriptor: int) -> None:
+    """Let the modem lines stay as they are on closing: a dropped DTR would turn a bare board's motor on again."""
+    with contextlib.suppress(termios.error):  # a socket has none
+        settings = termios.tcgetattr(descriptor)
+        settings[2] &= ~termios.HUPCL
+        termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+
+
 def _open_error(port: str, baud: int, error: Exception) -> DriverError:
     code = error.errno if isinstance(error, OSError) else None
     detail = _one_line(error)
@@ -121,8 +136,9 @@ def _open_error(port: str, baud: int, error: Exception) -> DriverError:
         present = ", ".join(_ports_present()) or "none"
         return PortMissingError(f"{port}: no such port; present: {present}: plug the device in or name one of these")
     if code in (errno.EACCES, errno.EPERM):
+        group = _group(port)
         return PortPermissionError(
-            f"{port}: no permission to open it: join its group (`sudo usermod -aG dialout {_user()}`) and log in again"
+            f"{port}: no permission to open it: join its group (`sudo usermod -aG {group} {_user()}`) and log in again"
         )
     if code in (errno.EAGAIN, errno.EBUSY) or "PermissionError" in detail:
         return PortBusyError(f"{port}: another process holds this port: end it (`fuser -v {port}` names it)")
@@ -131,6 +147,15 @@ def _open_error(port: str, baud: int, error: Exception) -> DriverError:
 
 def _ports_present() -> list[str]:
     return sorted(entry.device for entry in list_ports.comports())
+
+
+def _group(port: str) -> str:
+    """Return the group that may open the port: its own, or what udev gives serial ports where it is only root's."""
+    try:
+        name = grp.getgrgid(Path(port).stat().st_gid).gr_name
+    except (OSError, KeyError):
+        return _USUAL_GROUP
+    return _USUAL_GROUP if name == "root" else name
 
 
 def _user() -> str:

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 import pytest
 
+from drivers.emulated_faults import FaultScript, parse_script
 from drivers.emulated_link import EmulatedLink, SimulatedClock
-from drivers.errors import DeviceFaultError, DeviceLostError, SilentPortError, WrongBaudError
+from drivers.errors import DeviceFaultError, DeviceLostError, MotorStalledError, SilentPortError, WrongBaudError
+from drivers.faulty_line import FaultyLine
 from drivers.messages import LaserScan, LidarStream, RawChunk
 from drivers.rplidar import Rplidar, connect
 from drivers.rplidar_decoder import RplidarDecoder
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import A2M8, A2M12, EmulatedModel
+from drivers.rplidar_motor import MotorControl
 from drivers.rplidar_protocol import Command, Health, SampleRate, express_request, request
 
 MODELS = [A2M8, A2M12]
@@ -21,20 +26,36 @@ def wall(times_ns: np.ndarray, theta_rad: np.ndarray) -> np.ndarray:
     return np.full(theta_rad.shape, 3.0)
 
 
+class SilencedLink(EmulatedLink):
+    """From silence() on nothing arrives."""
+
+    silent = False
+
+    def silence(self) -> None:
+        self.silent = True
+
+    def read(self, timeout_s: float) -> bytes:
+        data = super().read(timeout_s)
+        return b"" if self.silent else data
+
+
 class Bench:
     """An emulator, a simulated clock and every link that was opened to it."""
 
-    def __init__(self, model: EmulatedModel = A2M8) -> None:
+    def __init__(self, model: EmulatedModel = A2M8, **options) -> None:
         self.clock = SimulatedClock(5_000_000_000)
-        self.device = RplidarEmulator(model, wall)
-        self.links: list[EmulatedLink] = []
+        self.device = RplidarEmulator(model, wall, **options)
+        self.line = FaultyLine(self.device, options.get("script") or FaultScript(), model.baud)
+        self.links: list[SilencedLink] = []
+        self.lines: dict[str, bool] = {}
 
-    def open(self, baud: int) -> EmulatedLink:
-        self.links.append(EmulatedLink(self.device, self.clock, self.device.model.baud, baud))
+    def open(self, baud: int) -> SilencedLink:
+        on_line = self.lines.__setitem__
+        self.links.append(SilencedLink(self.line, self.clock, self.device.model.baud, baud, on_line=on_line))
         return self.links[-1]
 
-    def connect(self, baud: int | None = None) -> Rplidar:
-        return connect(self.open, clock=self.clock, baud=baud, sleep=self.clock.sleep, port="bench")
+    def connect(self, baud: int | None = None, motor: MotorControl = MotorControl.AUTO) -> Rplidar:
+        return connect(self.open, clock=self.clock, baud=baud, motor=motor, sleep=self.clock.sleep, port="bench")
 
     def collect(self, lidar: Rplidar, seconds: float) -> tuple[list[LaserScan], RplidarDecoder]:
         """Iterate for so long and decode."""
@@ -175,7 +196,10 @@ def test_another_device_on_the_port() -> None:
 
 
 def test_an_unknown_mode_lists_the_known_ones() -> None:
-    with Bench().connect() as lidar, pytest.raises(DeviceFaultError, match="'Turbo'.*Standard, Express, Boost"):
+    with (
+        Bench().connect() as lidar,
+        pytest.raises(DeviceFaultError, match="'Turbo'.*Standard .2000 samples/s, 12 m, 0x81., Express"),
+    ):
         lidar.start("Turbo")
 
 
@@ -199,11 +223,20 @@ def test_silence_during_a_scan_is_a_loss() -> None:
         messages = iter(lidar)
         for _ in range(5):
             next(messages)
-        bench.device.receive(request(Command.STOP), bench.clock())
+        bench.links[0].silence()
         before_ns = bench.clock()
-        with pytest.raises(DeviceLostError, match="no data for 2"):
+        with pytest.raises(DeviceLostError, match="no data for 0.* no answer"):
             list(messages)
-        assert bench.clock() - before_ns < 2.5e9
+        assert bench.clock() - before_ns < 1e9
+
+
+def test_a_sensor_that_answers_but_does_not_measure_any_more_is_not_called_lost() -> None:
+    bench = Bench(script=FaultScript(parse_script("motor-stall@2")))
+    with bench.connect() as lidar:
+        lidar.start()
+        with pytest.raises(MotorStalledError, match="answers, but sends no data"):
+            list(lidar)
+        assert 2e9 < bench.clock() - 5e9 < 5e9
 
 
 def test_a_slow_consumer_is_not_silence() -> None:
@@ -251,3 +284,75 @@ def test_closing_stops_scan_and_motor() -> None:
     lidar.close()
     bench.device.receive(express_request(3), bench.clock())
     assert bench.device.due(bench.clock() + 5_000_000_000) == b""
+
+
+def test_a_sensor_that_nobody_closes_is_stopped_when_it_is_forgotten() -> None:
+    bench = Bench()
+    lidar = bench.connect()
+    lidar.start()
+    del lidar
+    gc.collect()
+    assert bench.links[0].closed
+    bench.device.receive(express_request(3), bench.clock())
+    assert bench.device.due(bench.clock() + 5_000_000_000) == b""
+
+
+@pytest.mark.parametrize(
+    ("motor", "turning", "stopped"),
+    [
+        (MotorControl.AUTO, {"dtr": False}, {"dtr": True}),
+        (MotorControl.DTR, {"dtr": False}, {"dtr": True}),
+        (MotorControl.RTS, {"dtr": False, "rts": False}, {"dtr": False, "rts": True}),
+        (MotorControl.EXTERNAL, {"dtr": False}, {"dtr": False}),
+    ],
+)
+def test_on_a_bare_uart_a_line_switches_the_motor_or_nobody_does(motor, turning, stopped) -> None:
+    bench = Bench(board=False)
+    with bench.connect(motor=motor) as lidar:
+        assert not lidar.has_motor_board()
+        lidar.start()
+        assert bench.lines == turning
+        assert bench.collect(lidar, 1.0)[0]
+    assert bench.lines == stopped
+
+
+def test_with_the_board_the_lines_stay_clear() -> None:
+    bench = Bench()
+    with bench.connect() as lidar:
+        assert lidar.has_motor_board()
+        lidar.start()
+    assert bench.lines == {"dtr": False}
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        "slow=0.4",
+        "slow=0.7",
+        "latency=0.016",
+        "chunk=3",
+        "drop=0.0003@0",
+        "flip=0.0003@0",
+        "banner@0.2",
+        "latency=0.01\nchunk=20",
+    ],
+)
+def test_a_bad_line_costs_time_and_samples_but_not_the_scan(script: str) -> None:
+    bench = Bench(script=FaultScript(parse_script(script), 3))
+    with bench.connect() as lidar:
+        assert lidar.info().model == "A2M8"
+        assert [mode.name for mode in lidar.scan_modes()] == [mode.name for mode in A2M8.modes]
+        lidar.start("Express")
+        scans, _ = bench.collect(lidar, 3.0)
+    good = [scan for scan in scans if scan.complete]
+    assert len(good) > 5
+    assert all(np.abs(scan.ranges_m[scan.valid] - 3.0).max() < 0.005 for scan in good)
+
+
+def test_firmware_that_does_not_list_its_modes_falls_back_without_asking() -> None:
+    for model, script in ((A2M8.with_firmware((1, 20)), ""), (A2M8, "mute=GET_LIDAR_CONF")):
+        bench = Bench(model, script=FaultScript(parse_script(script)))
+        with bench.connect() as lidar:
+            stream = lidar.start()
+            assert (stream.mode, stream.sample_us) == ("Express", 250.0)
+            assert bench.collect(lidar, 1.0)[0]

@@ -58,5 +58,5 @@ def test_what_cannot_be_decoded_is_left_out_and_a_missing_range_filled_in() -> N
 
 
 def test_unknown_name() -> None:
-    with pytest.raises(DeviceFaultError, match="Turbo.*Standard, Express, Boost, Sensitivity, Stability"):
+    with pytest.raises(DeviceFaultError, match="Turbo.*Standard .*, Express .*, Boost .*, Sensitivity .*, Stability "):
         modes_of(A2M8).find("Turbo")

@@ -1,12 +1,17 @@
 from __future__ import annotations
 
 import contextlib
+import grp
 import os
 import socket
 import sys
+import termios
+import threading
 import tty
 
 import pytest
+import serial
+from serial import rfc2217
 
 from drivers.errors import DeviceLostError, DriverError, PortBusyError, PortMissingError, PortPermissionError
 from drivers.serial_link import open_serial
@@ -79,11 +84,24 @@ def test_a_missing_port_names_those_that_exist() -> None:
 
 
 @posix
+def test_closing_leaves_the_modem_lines_as_they_are(pair) -> None:
+    _, name = pair
+    other = os.open(name, os.O_RDWR | os.O_NOCTTY)
+    link = open_serial(name, 115200)
+    link.set_baud(256000)
+    assert not termios.tcgetattr(other)[2] & termios.HUPCL
+    link.set_rts(True)  # a pseudo-terminal has no such line either
+    link.close()
+    os.close(other)
+
+
+@posix
 @pytest.mark.skipif(hasattr(os, "geteuid") and os.geteuid() == 0, reason="root may open everything")
 def test_no_permission(tmp_path) -> None:
     port = tmp_path / "port"
     port.touch(mode=0)
-    with pytest.raises(PortPermissionError, match="dialout"):
+    group = grp.getgrgid(port.stat().st_gid).gr_name
+    with pytest.raises(PortPermissionError, match=f"-aG {group} "):
         open_serial(str(port), 115200)
 
 
@@ -117,3 +135,60 @@ def test_a_socket() -> None:
         link.read(2.0)
     link.close()
     server.close()
+
+
+class NetworkPort:
+    """An RFC 2217 server with a loop:// port behind it, for one client."""
+
+    def __init__(self) -> None:
+        self.server = socket.create_server(("127.0.0.1", 0))
+        self.url = f"rfc2217://127.0.0.1:{self.server.getsockname()[1]}"
+        self.port = serial.serial_for_url("loop://", baudrate=115200, timeout=0.01)
+        self.client: socket.socket | None = None
+        self.thread = threading.Thread(target=self.serve, daemon=True)
+        self.thread.start()
+
+    def serve(self) -> None:
+        self.client, _ = self.server.accept()
+        self.client.settimeout(0.01)
+        manager = rfc2217.PortManager(self.port, self)  # type: ignore[arg-type]
+        while self.thread.is_alive():
+            try:
+                data = self.client.recv(1024)
+            except TimeoutError:
+                data = b""
+            except OSError:
+                return
+            self.port.write(b"".join(manager.filter(data)))
+            waiting = self.port.read(self.port.in_waiting)
+            if waiting:
+                self.write(b"".join(manager.escape(waiting)))
+
+    def write(self, data: bytes) -> None:
+        assert self.client is not None
+        self.client.sendall(data)
+
+    def close(self) -> None:
+        if self.client is not None:
+            self.client.shutdown(socket.SHUT_RDWR)
+            self.client.close()
+        self.server.close()
+        self.thread.join()
+
+
+@pytest.mark.filterwarnings("ignore:set:DeprecationWarning")  # pyserial 3.5 under Python 3.10 and later
+def test_a_port_on_the_network() -> None:
+    far = NetworkPort()
+    link = open_serial(far.url, 115200)
+    link.set_baud(256000)
+    assert far.port.baudrate == 256000
+    link.set_dtr(False)
+    link.write(b"\xa5\xff\x50")
+    heard = b""
+    while len(heard) < 3:
+        heard += link.read(2.0)
+    assert heard == b"\xa5\xff\x50"
+    far.close()
+    with pytest.raises(DeviceLostError):
+        link.read(2.0)
+    link.close()
