@@ -54,9 +54,9 @@ def replay_recording(
     has_lidar = _has_lidar(recording, config)
     if has_lidar:
         on_progress(f"laser pose from {setup.mount_source}; order of samples: {setup.sweep.reason}")
-    if recording.depth_topic is not None:
-        on_progress(f"camera pose from {setup.camera_source}")
     camera = DepthReplay(recording, config, setup, has_lidar=has_lidar)
+    if recording.depth_topic is not None:
+        on_progress(f"camera pose from {camera.mount_source}")
     decoding = LidarDecoding()
     flow = MappingFlow(
         config,
