@@ -61,6 +61,8 @@ class Localisation:
         trajectory = Trajectory(np.array(self._stamps, dtype=np.int64), np.array(self._poses).reshape(-1, 3))
         if len(trajectory):
             write_tum(folder / LOCALISED_NAME, trajectory)
+        else:
+            log.warning("%s: the car was NOT found on this map: %s", self._file, self._localiser.reason)
         return {
             "map": str(self._file),
             "found": len(trajectory) > 0,

@@ -16,7 +16,8 @@ from tools.depth_flow import scan_mount
 from tools.depth_replay import DepthReplay
 from tools.localisation import Localisation
 from tools.pipeline import LidarDecoding, MappingFlow, Setup, look_ahead
-from tools.results import Report, decoding_summary, lost_pieces, new_run_folder, save_results
+from tools.result_folder import MAPPED, new_results
+from tools.results import Report, decoding_summary, lost_pieces, save_results
 
 CONFIG_RECORD = "mapfuse.config"  # name of the metadata record that holds a run's configuration
 _PROGRESS_S = 5.0
@@ -85,7 +86,7 @@ def replay_recording(
     _refuse_unmapped(recording, flow, last)
     for problem in recording.problems:
         on_progress(f"damaged recording: {problem}")
-    folder = new_run_folder(output)
+    folder = new_results(output, MAPPED)
     report = save_results(
         folder,
         flow,

@@ -137,6 +137,11 @@ def lost_pieces(report: Report) -> list[str]:
     return lines
 
 
+def is_placed(report: Report) -> bool:
+    """Whether the car was found on the map that it was to be found on, if there was one, and no piece is lost."""
+    return report.get("localisation", {"found": True})["found"] and not lost_pieces(report)
+
+
 def _seconds(piece: Report) -> float:
     return float(piece["end_ns"] - piece["start_ns"]) * 1e-9
 

@@ -17,6 +17,7 @@ from tools.results import (
     check_run_folder,
     decoding_summary,
     grid_snapshot,
+    is_placed,
     lost_pieces,
     new_run_folder,
     save_results,
@@ -102,3 +103,11 @@ def test_of_many_lost_pieces_the_longest_have_a_line_and_the_others_are_summed()
     assert [line.split()[4] for line in longest] == ["44", "45", "46", "47", "48", "49"]
     shorter = sum(10 + n for n in range(34) if n != 4)
     assert rest == f"not in the map: 33 shorter pieces, {shorter} scans in {shorter} s: report.json lists them"
+
+
+def test_a_car_that_was_not_found_on_its_map_is_not_all_done():
+    whole = {"slam": {"segments": [piece(1, 3, in_map=True)]}}
+    assert is_placed(whole)
+    assert is_placed(whole | {"localisation": {"found": True}})
+    assert not is_placed(whole | {"localisation": {"found": False}})
+    assert not is_placed({"slam": {"segments": [piece(1, 3, in_map=False)]}})

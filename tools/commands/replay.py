@@ -77,14 +77,15 @@ def replay(
     Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum and report.json; with a lidar and a depth camera also
     depth_map.* and both_map.*. A recording of `run` or `record` is mapped with the configuration that was recorded with
     it, unless --config is given. Exit code 3: the recording is damaged, and was mapped as far as it goes; or tracking
-    was lost and a piece of the drive has no place in the map.
+    was lost and a piece of the drive has no place in the map; or the car was not found on the map of --map.
     """
     from drivers.recording_reader import open_recording
     from mapping.slam_state import read_state
     from tools.replay_run import recorded_config, replay_recording
-    from tools.results import check_run_folder, lost_pieces
+    from tools.result_folder import MAPPED, check_result_folder
+    from tools.results import is_placed
 
-    check_run_folder(output)
+    check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None])
     with open_recording(recording, intrinsics=intrinsics) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
         config = config.with_resolution(resolution, cells_per_meter).with_odometry(odometry.value if odometry else None)
@@ -101,5 +102,5 @@ def replay(
     if as_json:
         print_json(report)
     raise typer.Exit(
-        ExitCode.PARTIAL if report["truncated"] or report["problems"] or lost_pieces(report) else ExitCode.OK
+        ExitCode.PARTIAL if report["truncated"] or report["problems"] or not is_placed(report) else ExitCode.OK
     )
