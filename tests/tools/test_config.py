@@ -80,3 +80,12 @@ def test_configuration_cannot_be_changed():
     grid: Any = Config().grid
     with pytest.raises(ValueError, match="frozen"):
         grid.resolution_m = 1.0
+
+
+def test_a_camera_info_that_is_not_there_is_refused(tmp_path):
+    file = tmp_path / "config.yaml"
+    file.write_text(f"depth:\n  camera_info: {tmp_path / 'none.yaml'}\n")
+    with pytest.raises(ConfigError, match=r"camera_info: no file .*none\.yaml"):
+        load(file)
+    (tmp_path / "none.yaml").write_text("")
+    assert load(file).depth.camera_info is not None

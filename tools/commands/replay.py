@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import logging
 from enum import Enum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from tools.commands.options import (
+    METRES_PER_COUNT,
     CellsPerMeter,
     ConfigFile,
+    DepthUnit,
+    Intrinsics,
     Json,
     MapFile,
     OutputFolder,
+    RecordingPath,
     ResolutionM,
     Resume,
     load_config,
     print_json,
+    refuse_folder_options,
 )
 from tools.exit_codes import ExitCode
 
@@ -34,14 +38,7 @@ class OdometrySource(str, Enum):
 
 
 def replay(
-    recording: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log, a RealSense .bag, a folder"
-            " of depth PNGs.",
-        ),
-    ],
+    recording: RecordingPath,
     output: OutputFolder = None,
     config_file: ConfigFile = None,
     resolution: ResolutionM = None,
@@ -53,9 +50,8 @@ def replay(
             " images. [default: kiss]"
         ),
     ] = None,
-    intrinsics: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The camera's 3x3 matrix, for a folder of depth PNGs.")
-    ] = None,
+    intrinsics: Intrinsics = None,
+    depth_unit: DepthUnit = None,
     loop_closure: Annotated[
         bool | None, typer.Option("--loop-closure/--no-loop-closure", help="Look for places seen before.")
     ] = None,
@@ -86,7 +82,8 @@ def replay(
     from tools.results import is_placed
 
     check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None])
-    with open_recording(recording, intrinsics=intrinsics) as opened:
+    refuse_folder_options(recording, intrinsics, depth_unit)
+    with open_recording(recording, intrinsics=intrinsics, depth_unit_m=depth_unit or METRES_PER_COUNT) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
         config = config.with_resolution(resolution, cells_per_meter).with_odometry(odometry.value if odometry else None)
         config = config.with_slam(loop_closure=loop_closure, refine=refine, scan_every=scan_every)
