@@ -77,7 +77,9 @@ def replay_recording(
                     localisation.add(mapped)
         if time.monotonic() - shown > _PROGRESS_S:
             shown = time.monotonic()
-            on_progress(f"{flow.scans} scans, {flow.mapper.trajectory.length_m:.1f} m driven")
+            on_progress(
+                f"{flow.scans} {'scans' if has_lidar else 'images'}, {flow.mapper.trajectory.length_m:.1f} m driven"
+            )
     for mapped in flow.finish():
         last = mapped
         if localisation is not None:
@@ -103,7 +105,7 @@ def replay_recording(
     )
     for line in lost_pieces(report):
         on_progress(line)
-    on_progress(_summary(report, folder, time.monotonic() - started))
+    on_progress(closing_line(report, folder, time.monotonic() - started))
     return report
 
 
@@ -145,13 +147,18 @@ def _refuse_unmapped(recording: Recording, flow: MappingFlow, last: MappedScan |
         raise RecordingError(f"{recording.path}: none of its {flow.scans} scans can be mapped: {why}{damage}")
 
 
-def _summary(report: Report, folder: Path, seconds: float) -> str:
+def closing_line(report: Report, folder: Path, seconds: float) -> str:
     """Return the closing line."""
     scans, trajectory, timing = report["scans"], report["trajectory"], report["timing"]
-    pace = f"{timing['per_scan_ms_median']:.1f} ms a scan, " if timing else ""
+    pace = f"{timing['per_scan_ms_median']:.1f} ms each, " if timing else ""
     factor = trajectory["duration_s"] / max(seconds, 1e-9)
     lost = {"unmatched": "unmatched", "skipped_partial": "partial", "skipped_out_of_order": "out of order"}
     others = "".join(f", {scans[key]} {name}" for key, name in lost.items() if scans[key])
-    mapped = f"{scans['mapped']} of {scans['received']} scans mapped{others}"
+    unplaced = scans["mapped"] - scans["in_map"]
+    others += f", {unplaced} in pieces without a place in the map" if unplaced > 0 else ""
+    passed = scans["received"] - scans["mapped"] - sum(scans[key] for key in lost)
+    others += f", {passed} passed over" if passed > 0 else ""
+    noun = "scans" if "scan_source" in report else "images"
+    mapped = f"{scans['in_map']} of {scans['received']} {noun} mapped{others}"
     driven = f"{trajectory['length_m']:.2f} m driven"
     return f"{mapped} in {seconds:.1f} s ({pace}{factor:.0f} x real time), {driven}: {folder}"

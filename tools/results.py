@@ -22,7 +22,7 @@ from drivers.rplidar_decoder import DecoderCounters
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from mapping.slam_state import STATE_NAME, write_state
-from mapping.trajectory import write_tum
+from mapping.trajectory import Trajectory, write_tum
 from tools.errors import ToolError
 from tools.pictures import draw_map, draw_pose_graph, write_picture
 from tools.pipeline import MappingFlow
@@ -90,7 +90,7 @@ def save_results(
     counters = asdict(flow.mapper.counters)
     report: Report = {
         "source": source,
-        "scans": {"received": flow.scans, **counters},
+        "scans": {"received": flow.scans, **counters, "in_map": _placed_here(flow, trajectory)},
         "trajectory": {
             "poses": len(trajectory),
             "duration_s": round(span_s, 3),
@@ -114,6 +114,12 @@ def save_results(
         partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
         partial.replace(folder / "report.json")
     return report
+
+
+def _placed_here(flow: MappingFlow, trajectory: Trajectory) -> int:
+    """Return how many scans of this drive have a pose in the map; of what was matched, lost pieces have none."""
+    before_ns = flow.mapper.resumed_ns
+    return len(trajectory) if before_ns is None else int((trajectory.stamps_ns > before_ns).sum())
 
 
 def lost_pieces(report: Report) -> list[str]:

@@ -36,7 +36,7 @@ def test_results_of_a_run_are_all_there(tmp_path):
     names = {file.name for file in tmp_path.iterdir()}
     assert names == {"map.yaml", "map.pgm", "map.npz", "map.png", "pose_graph.png", "trajectory.tum", "report.json"}
     assert json.loads((tmp_path / "report.json").read_text()) == report
-    assert report["scans"]["mapped"] == 1
+    assert report["scans"]["mapped"] == report["scans"]["in_map"] == 1
     assert report["more"] == 1
     assert read_map(tmp_path / "map.npz").occupied.sum() > 100
 
