@@ -35,6 +35,9 @@ __all__ = [
 ]
 
 
+_USUAL_RESOLUTION_M = 0.005, 1.0
+
+
 @dataclass(frozen=True, slots=True)
 class MapFiles:
     """The files of one written map."""
@@ -106,7 +109,7 @@ def read_map_with_warnings(path: Path) -> LoadedMap:
     log_odds, warnings = to_log_odds(gray, opaque, settings)
     missing = tuple(f"{key} is missing, taken as {getattr(settings, key):g}" for key in settings.missing)
     grid = OccupancyGrid(log_odds, settings.resolution_m, np.array(settings.origin))
-    return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in (*missing, *warnings)))
+    return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in (*missing, *_odd_scale(grid), *warnings)))
 
 
 def _read_lossless(path: Path) -> LoadedMap:
@@ -126,7 +129,20 @@ def _read_lossless(path: Path) -> LoadedMap:
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         reason = " ".join(str(error).split())
         raise MapFileError(f"{path}: not a lossless map ({reason}): expected one of ours, use the .yaml") from error
-    return LoadedMap(grid, provenance=provenance)
+    return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in _odd_scale(grid)), provenance)
+
+
+def _odd_scale(grid: OccupancyGrid) -> tuple[str, ...]:
+    """Return a line where the resolution is none of a building's map; what follows from it would be as far off."""
+    resolution_m = grid.resolution_m
+    finest_m, coarsest_m = _USUAL_RESOLUTION_M
+    if finest_m <= resolution_m <= coarsest_m:
+        return ()
+    rows, cols = grid.log_odds.shape
+    size = f"{cols * resolution_m:.3g} m x {rows * resolution_m:.3g} m"
+    guesses = ((resolution_m / 1000.0, "mm"), (1.0 / resolution_m, "cells a metre"))
+    meant = "".join(f", {guess:g} if {unit} were meant" for guess, unit in guesses if finest_m <= guess <= coarsest_m)
+    return (f"resolution is {resolution_m:g} m a cell, which makes the map {size}: is it right? Usual is 0.05{meant}",)
 
 
 def _npz_bytes(grid: OccupancyGrid, provenance: Mapping[str, str] | None) -> bytes:

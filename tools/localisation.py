@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.map_io import read_map
+from mapping.map_io import read_map_with_warnings
 from mapping.map_tracking import MapLocaliser
 from mapping.reference_map import reference_map
 from mapping.slam import MappedScan
@@ -25,7 +25,10 @@ class Localisation:
 
     def __init__(self, map_file: Path, sensor: FloatArray) -> None:
         self._file = map_file
-        self._localiser = MapLocaliser(reference_map(read_map(map_file)), sensor)
+        loaded = read_map_with_warnings(map_file)
+        for warning in loaded.warnings:
+            log.warning("%s", warning)
+        self._localiser = MapLocaliser(reference_map(loaded.grid), sensor)
         self._stamps: list[int] = []
         self._poses: list[FloatArray] = []
         self._by_odometry = 0
