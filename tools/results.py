@@ -60,12 +60,15 @@ def check_run_folder(chosen: Path | None) -> None:
 
 
 def check_new_file(path: Path) -> None:
-    """Raise ToolError where a file cannot be put there because of its folder."""
+    """Raise ToolError where a file cannot be written: it is tried, and nothing is left of it or changed."""
     with writing_to(path):
         if not path.absolute().parent.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, f"{path.parent} is no folder")
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        if path.exists():
+            path.open("ab").close()
+        else:
+            path.open("xb").close()
+            path.unlink()
 
 
 @contextmanager

@@ -223,6 +223,8 @@ def test_yaml_without_an_image_is_one_line_and_exit_code_1(cli, tmp_path):
         ["nonsense"],
         ["emulate", "lidar", "--model", "A3M1"],
         ["emulate", "lidar", "--world", "x.yaml"],
+        ["emulate", "lidar", "--pose", "50", "3", "0"],
+        ["emulate", "lidar", "--pose", "5", "7", "0"],
         ["emulate", "lidar", "--pose", "0", "0", "0", "--trajectory", "t.tum"],
         ["run", "--lidar", "x", "--resolution", "0.05", "--cells-per-meter", "20"],
         ["run", "--lidar", "x", "--cells-per-meter", "0"],

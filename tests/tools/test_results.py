@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -81,7 +82,10 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path):
 
 
 def test_a_file_without_a_folder_is_refused_before_the_work(tmp_path):
-    for bad in (tmp_path / "none/truth.tum", tmp_path):
+    (tmp_path / "kept").write_text("years of work")
+    check_new_file(tmp_path / "kept")
+    assert (tmp_path / "kept").read_text() == "years of work"
+    for bad in (tmp_path / "none/truth.tum", tmp_path, tmp_path / ("x" * 300), Path("/proc/truth.tum")):
         with pytest.raises(ToolError, match="cannot write results"):
             check_new_file(bad)
     check_new_file(tmp_path / "truth.tum")
