@@ -29,6 +29,7 @@ from drivers.messages import DepthImage, Message, Pinhole
 from drivers.recording_storage import StoredMessage, TopicInfo
 from drivers.ros1_translation import Ros1Translation
 from drivers.sources import Closing
+from drivers.wording import counted
 
 MAGIC = b"#ROSBAG V"
 DEPTH_FRAME = "camera_depth_optical_frame"
@@ -107,7 +108,7 @@ class RealsenseBag(Closing):
     @property
     def problems(self) -> list[str]:
         """What is wrong with the file, as far as it was read, one line each."""
-        undecodable = [f"{count} images cannot be read: {why}" for why, count in self._undecodable.items()]
+        undecodable = [f"{counted(count, 'image')} cannot be read: {why}" for why, count in self._undecodable.items()]
         return undecodable + ([self._damage] if self._damage else [])
 
     def messages(self, scan_topic: str | None = None) -> Iterator[Message]:

@@ -38,6 +38,7 @@ from drivers.ros_codec import (
 )
 from drivers.sources import Closing
 from drivers.tinyslam_log import TinyslamLog, is_tinyslam_log
+from drivers.wording import counted
 
 
 class Recording(Protocol):
@@ -143,7 +144,7 @@ class BagRecording(Closing):
         """What is wrong with the recording, as far as it was read, one line each."""
         damage = [f"{storage.path.name}: {text}" for storage in self.storages for text in storage.problems]
         undecodable = [
-            f"{topic}: {count} messages do not decode{self._reasons.get(topic, '')}"
+            f"{topic}: {counted(count, 'message')} not decoded{self._reasons.get(topic, '')}"
             for topic, count in self._undecodable.items()
         ]
         return [*self._missing, *damage, *undecodable]

@@ -31,6 +31,7 @@ from drivers.recording_mcap_file import McapFile, McapIndex
 from drivers.recording_reader import open_other, read_through
 from drivers.recording_storage import Storage
 from drivers.ros_codec import decode, is_decodable
+from drivers.wording import counted
 
 _GAP_NS = 1_000_000_000
 _GAP_FACTOR = 10  # times the usual interval of the topic
@@ -206,7 +207,7 @@ def _undecodable(storage: Storage) -> list[str]:
                 decode(message.type_name, message.data, message.topic, message.log_time_ns)
             except RecordingError as error:
                 failed.setdefault(message.topic, []).append(str(error))
-    return [f"{len(texts)} messages do not decode, the first one: {texts[0]}" for texts in failed.values()]
+    return [f"{counted(len(texts), 'message')} not decoded, the first one: {texts[0]}" for texts in failed.values()]
 
 
 def _gaps(storage: Storage) -> list[str]:

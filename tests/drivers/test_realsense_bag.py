@@ -133,7 +133,7 @@ def test_images_that_cannot_be_read_are_counted(tmp_path):
         for _ in range(2):
             assert len(list(bag)) == 2
             assert len(bag.problems) == 1
-            assert "1 images cannot be read: encoding 'rgb8'" in bag.problems[0]
+            assert "1 image cannot be read: encoding 'rgb8'" in bag.problems[0]
         assert not bag.truncated
 
 

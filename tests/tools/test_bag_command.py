@@ -6,6 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from drivers.messages import Odometry
+from drivers.recording_writer import McapRecorder
+
 
 @pytest.fixture
 def frames(tmp_path):
@@ -41,7 +44,7 @@ def test_a_damaged_input_is_converted_as_far_as_it_goes_with_exit_code_3(frames,
     (frames / "camera-intrinsics.txt").write_text((tmp_path / "k.txt").read_text())
     done = cli("bag", "convert", frames, "-o", tmp_path / "new.mcap")
     assert done.code == 3
-    assert "damaged: 1 files cannot be read: no PNG" in done.out
+    assert "damaged: 1 file cannot be read: no PNG" in done.out
 
 
 def test_what_was_left_out_is_said(cli, tmp_path):
@@ -95,7 +98,7 @@ def test_a_cut_image_is_damage_to_info_and_check_too(frames, cli, tmp_path):
     (frames / "depth_1.png").write_bytes(whole[: len(whole) // 2])
     info, check = cli("bag", "info", frames), cli("bag", "check", frames)
     assert (info.code, check.code) == (3, 3)
-    assert "damaged: 1 files" in info.out
+    assert "damaged: 1 file" in info.out
     assert "`bag convert` saves" in check.out
 
 
@@ -121,3 +124,11 @@ def test_options_of_depth_folders_are_refused_elsewhere(command, option, cli, tm
     outcome = cli(*words, option, "0.001" if option == "--depth-unit" else log)
     assert (outcome.code, len(outcome.error_lines)) == (2, 1)
     assert option in outcome.error_lines[0]
+
+
+def test_many_topics_are_counted_not_listed(cli, tmp_path):
+    with McapRecorder(tmp_path / "a.mcap", metadata={}) as recorder:
+        for number in range(20):
+            recorder.put(Odometry(number + 1, np.zeros(3), np.zeros(3)), f"/odometry_of_robot_{number}")
+    done = cli("bag", "convert", tmp_path / "a.mcap", "-o", tmp_path / "b.mcap")
+    assert "20 messages on 20 topics" in done.out

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from drivers.wording import counted
 from tools.commands.options import (
     METRES_PER_COUNT,
     DepthUnit,
@@ -21,6 +22,9 @@ from tools.exit_codes import ExitCode
 app = typer.Typer(
     help="Look into recordings, check, repair and convert them.", no_args_is_help=True, rich_markup_mode=None
 )
+
+
+_MOST_NAMED = 8
 
 
 @app.command()
@@ -52,7 +56,9 @@ def info(recording: RecordingPath, intrinsics: Intrinsics = None, as_json: Json 
         print_json(values)
     else:
         label = "  SIMULATED" if values["simulated"] else ""
-        typer.echo(f"{recording}  {values['duration_s']} s  {values['messages']} messages{label}")
+        typer.echo(
+            f"{recording}  {values['duration_s']} s  {counted(sum(topic.count for topic in topics), 'message')}{label}"
+        )
         width = max((len(topic.name) for topic in topics), default=0)
         kind_width = max((len(topic.type) for topic in topics), default=0)
         for topic in topics:
@@ -103,7 +109,7 @@ def recover(
         )
     else:
         _echo_lines("damaged", report.problems)
-        typer.echo(f"{destination}: {report.messages} messages saved, {report.lost_bytes} bytes lost")
+        typer.echo(f"{destination}: {counted(report.messages, 'message')} saved, {report.lost_bytes} bytes lost")
     raise typer.Exit(ExitCode.PARTIAL if report.lost_bytes or report.problems else ExitCode.OK)
 
 
@@ -138,7 +144,10 @@ def convert(
     else:
         _echo_lines("damaged", report.problems)
         _echo_lines("left out", [f"{count} {name}" for name, count in report.left_out.items()])
-        typer.echo(f"{output}: {report.messages} messages on {', '.join(sorted(report.topics))}")
+        topics = ", ".join(sorted(report.topics))
+        if len(report.topics) > _MOST_NAMED:
+            topics = f"{len(report.topics)} topics, which `bag info` lists"
+        typer.echo(f"{output}: {counted(report.messages, 'message')} on {topics}")
     raise typer.Exit(ExitCode.PARTIAL if damaged else ExitCode.OK)
 
 
