@@ -127,8 +127,7 @@ def _read_lossless(path: Path) -> LoadedMap:
         provenance = MappingProxyType(json.loads(str(data["provenance"])))
         grid = OccupancyGrid(data["log_odds"], float(data["resolution_m"]), data["origin"])
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        reason = " ".join(str(error).split())
-        raise MapFileError(f"{path}: not a lossless map ({reason}): expected one of ours, use the .yaml") from error
+        raise MapFileError(f"{path}: not a lossless map, or a damaged one: use the .yaml beside it") from error
     return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in _odd_scale(grid)), provenance)
 
 

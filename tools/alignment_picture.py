@@ -23,7 +23,7 @@ WIDTH_PX, HEIGHT_PX = 1600, 1000
 VERDICT_COLORS_BGR = MappingProxyType({"accepted": (94, 120, 0), "refused": (50, 20, 175), "ambiguous": (0, 105, 185)})
 _PAPER_BGR, _PALE_INK_BGR, _RULE_BGR = (255, 255, 255), (110, 110, 110), (205, 205, 205)
 _EDGE_PX, _GAP_PX = 16, 12
-_REASON_SIZES = ((0.7, 25, 3), (0.55, 19, 4), (0.45, 15, 5))  # of letters, px a line, lines
+_REASON_SIZES = ((0.7, 25, 3), (0.55, 17, 4), (0.45, 14, 5))  # of letters, px a line, lines
 _TOP_PX, _BOTTOM_PX = 142, 940  # of the main panel
 _MAIN_PX, _SIDE_PX = 1040, 512  # widths
 _BADGE_PX = 384
@@ -83,7 +83,7 @@ def _draw_header(page: Image, view: AlignmentView) -> None:
         or most == _REASON_SIZES[-1][2]
     )
     for number, line in enumerate(lines):
-        write_text(page, line, (x, 66 + step_px * number), scale)
+        write_text(page, line, (x, 62 + step_px * number), scale)
 
 
 def _draw_unplaced(page: Image, a: OccupancyGrid, b: OccupancyGrid, view: AlignmentView, width_px: int) -> None:

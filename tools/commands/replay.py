@@ -76,6 +76,7 @@ def replay(
     was lost and a piece of the drive has no place in the map; or the car was not found on the map of --map.
     """
     from drivers.recording_reader import open_recording
+    from mapping.map_io import read_map
     from mapping.slam_state import read_state
     from tools.replay_run import recorded_config, replay_recording
     from tools.result_folder import MAPPED, check_result_folder
@@ -83,6 +84,8 @@ def replay(
 
     check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None])
     refuse_folder_options(recording, intrinsics, depth_unit)
+    if map_file is not None:
+        read_map(map_file)  # a bad file must not cost the time of a replay
     with open_recording(recording, intrinsics=intrinsics, depth_unit_m=depth_unit or METRES_PER_COUNT) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
         config = config.with_resolution(resolution, cells_per_meter).with_odometry(odometry.value if odometry else None)
