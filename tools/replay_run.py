@@ -17,7 +17,7 @@ from tools.depth_replay import DepthReplay
 from tools.localisation import Localisation
 from tools.pipeline import LidarDecoding, MappingFlow, Setup, look_ahead
 from tools.result_folder import MAPPED, new_results
-from tools.results import Report, decoding_summary, lost_pieces, save_results
+from tools.results import Report, decoding_summary, remarks, save_results
 
 CONFIG_RECORD = "mapfuse.config"  # name of the metadata record that holds a run's configuration
 _PROGRESS_S = 5.0
@@ -103,7 +103,7 @@ def replay_recording(
         },
         save_state=save_state,
     )
-    for line in lost_pieces(report):
+    for line in remarks(report):
         on_progress(line)
     on_progress(closing_line(report, folder, time.monotonic() - started))
     return report

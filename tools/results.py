@@ -119,6 +119,15 @@ def save_results(
     return report
 
 
+def remarks(report: Report) -> list[str]:
+    """Return the lines that the end of a run owes its reader: what is not in the map, and a map that shows nothing."""
+    lines = lost_pieces(report)
+    if not report["map"]["occupied_cells"]:
+        place = "its place (depth.mount) and height band (depth.bottom_m, top_m)" if "depth" in report else "its place"
+        lines.append(f"the map shows no wall at all: nothing was in reach of the sensor, or {place} is not what is set")
+    return lines
+
+
 def _placed_here(flow: MappingFlow, trajectory: Trajectory) -> int:
     """Return how many scans of this drive have a pose in the map; of what was matched, lost pieces have none."""
     before_ns = flow.mapper.resumed_ns

@@ -21,6 +21,7 @@ from tools.results import (
     is_placed,
     lost_pieces,
     new_run_folder,
+    remarks,
     save_results,
 )
 
@@ -115,3 +116,10 @@ def test_a_car_that_was_not_found_on_its_map_is_not_all_done():
     assert is_placed(whole | {"localisation": {"found": True}})
     assert not is_placed(whole | {"localisation": {"found": False}})
     assert not is_placed({"slam": {"segments": [piece(1, 3, in_map=False)]}})
+
+
+def test_a_map_that_shows_nothing_is_told():
+    whole = {"slam": {"segments": [piece(1, 3, in_map=True)]}, "map": {"occupied_cells": 3}}
+    assert remarks(whole) == []
+    (line,) = remarks(whole | {"map": {"occupied_cells": 0}, "depth": {}})
+    assert "depth.mount" in line
