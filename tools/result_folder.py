@@ -22,17 +22,20 @@ FEATURES = re.compile(r"inliers\.png")
 REGISTRATION = re.compile(r"rows\.jsonl|(success|reliability|scores)\.png")
 
 
-def check_result_folder(chosen: Path | None, products: re.Pattern[str], inputs: Iterable[Path] = ()) -> None:
+def check_result_folder(
+    chosen: Path | None, products: re.Pattern[str], inputs: Iterable[Path] = (), *, records: bool = False
+) -> None:
     """Raise ToolError before the work is done where results cannot or must not go to a folder; create nothing.
 
-    products: what the command writes beside report.json. inputs: files or folders of results that it reads.
+    products: what the command writes beside report.json. inputs: files or folders of results that it reads. records:
+    it makes a recording there.
     """
     check_run_folder(chosen)
     if chosen is None or not chosen.is_dir():
         return
     old = _products(chosen, products)
-    if old and (chosen / RECORDING).exists():
-        raise ToolError(f"{chosen}: holds {RECORDING} and what came of that drive: name another folder")
+    if (old or records) and (chosen / RECORDING).exists():
+        raise ToolError(f"{chosen}: holds {RECORDING}{' and what came of that drive' * bool(old)}: name another folder")
     if not old and (chosen / REPORT).exists():
         raise ToolError(f"{chosen}: holds a {REPORT} that is not of this command: name another folder")
     folder = chosen.resolve()

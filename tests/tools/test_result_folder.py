@@ -61,4 +61,7 @@ def test_what_is_read_is_not_replaced(tmp_path):
 
 
 def test_a_folder_of_a_recording_alone_takes_its_replay(tmp_path):
-    check_result_folder(filled(tmp_path / "out", "recording.mcap"), MAPPED)
+    folder = filled(tmp_path / "out", "recording.mcap")
+    check_result_folder(folder, MAPPED)
+    with pytest.raises(ToolError, match=r"holds recording\.mcap: name"):
+        check_result_folder(folder, MAPPED, records=True)

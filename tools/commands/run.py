@@ -56,7 +56,7 @@ def run(
 
     require_sensor(lidar, depth)
     config = load_config(config_file, resolution, cells_per_meter)
-    check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None])
+    check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None], records=record)
     earlier = read_state(resume) if resume else None
     if map_file is not None:
         read_map(map_file)  # before the lidar starts: a bad file must not cost a drive
