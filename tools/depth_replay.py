@@ -42,8 +42,10 @@ class DepthReplay:
             if not (self._only_recorded and isinstance(message, Odometry)):
                 yield message
         if self._only_recorded and not found:
+            damage = f" (damaged: {self._recording.problems[0]})" if self._recording.problems else ""
             raise RecordingError(
-                f"{self._recording.path}: no poses of the car or its camera in it; leave out --odometry recorded"
+                f"{self._recording.path}: no poses of the car or its camera in it{damage}; "
+                "leave out --odometry recorded"
             )
 
     @property

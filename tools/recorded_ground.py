@@ -53,9 +53,9 @@ def recorded_ground(recording: Recording, config: Config, camera_frame: str = CA
     gravity = recording.metadata.get("depth_folder", {}).get(GRAVITY)
     if gravity is not None:
         try:
-            level = levelled(np.array(gravity.split(), dtype=np.float64).reshape(3))
+            level = levelled(_direction(gravity))
         except ValueError as error:
-            raise RecordingError(f"{recording.path}: {GRAVITY} is not a vector of three numbers") from error
+            raise RecordingError(f"{recording.path}: {GRAVITY} is not a direction of three numbers") from error
         level[2, 3] = -floor_height(_heights(recording.messages(), level))
         return RecordedGround(RecordedPoses(bases, camera_frame, level), of_camera=True, level=f"down as in {GRAVITY}")
     places = _camera_places(recording.messages(), RecordedPoses(bases, camera_frame, np.eye(4)))
@@ -66,6 +66,14 @@ def recorded_ground(recording: Recording, config: Config, camera_frame: str = CA
             f" one height and tilt, as on a car: put gravity's direction in their world, three numbers, into {GRAVITY}"
         )
     return RecordedGround(RecordedPoses(bases, camera_frame, level), of_camera=len(places) > 0, level=words)
+
+
+def _direction(text: str) -> FloatArray:
+    """Return a vector (3,) of some length; raises ValueError where there is none."""
+    vector = np.array(text.split(), dtype=np.float64).reshape(3)
+    if not (np.isfinite(vector).all() and vector.any()):
+        raise ValueError(f"{vector} has no direction")
+    return vector
 
 
 def _camera_places(messages: Iterable[Message], poses: RecordedPoses) -> FloatArray:

@@ -139,12 +139,13 @@ def _refuse_unmappable(recording: Recording, config: Config) -> None:
 
 def _refuse_unmapped(recording: Recording, flow: MappingFlow, last: MappedScan | None) -> None:
     """Raise RecordingError where nothing came of the scans, with the reason for the last of them."""
+    noun = "images" if flow.depth is not None and flow.depth.alone else "scans"
     damage = f" (damaged: {recording.problems[0]})" if recording.problems else ""
     if not flow.scans:
         raise RecordingError(f"{recording.path}: its data does not make up one scan; nothing to map{damage}")
     if not flow.mapper.counters.mapped:
         why = last.match.reason if last is not None else "all partial or out of order"
-        raise RecordingError(f"{recording.path}: none of its {flow.scans} scans can be mapped: {why}{damage}")
+        raise RecordingError(f"{recording.path}: none of its {flow.scans} {noun} can be mapped: {why}{damage}")
 
 
 def closing_line(report: Report, folder: Path, seconds: float) -> str:

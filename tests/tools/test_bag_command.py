@@ -87,7 +87,7 @@ def test_replay_of_depth_that_sees_too_little_is_refused_in_one_line(frames, cli
     assert cli("bag", "convert", frames, "-o", tmp_path / "new.mcap", *options).code == 0
     outcome = cli("replay", tmp_path / "new.mcap", "-o", tmp_path / "out")
     assert (outcome.code, len(outcome.error_lines)) == (1, 1)
-    assert "none of its 2 scans can be mapped" in outcome.error_lines[0]
+    assert "none of its 2 images can be mapped" in outcome.error_lines[0]
 
 
 def test_a_cut_image_is_damage_to_info_and_check_too(frames, cli, tmp_path):

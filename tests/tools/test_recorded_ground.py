@@ -80,7 +80,8 @@ def test_a_hand_held_camera_without_gravity_is_refused(folder):
         mount_of(folder)
 
 
-def test_a_bad_vector_is_one_clear_line(folder):
-    (folder / GRAVITY).write_text("0 1\n")
+@pytest.mark.parametrize("text", ["0 1\n", "", "a b c", "0 0 0", "nan 0 1", "0 inf 0"])
+def test_a_bad_vector_is_one_clear_line(folder, text):
+    (folder / GRAVITY).write_text(text)
     with pytest.raises(RecordingError, match="three numbers"):
         mount_of(folder)
