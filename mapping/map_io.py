@@ -36,6 +36,8 @@ __all__ = [
 
 
 _USUAL_RESOLUTION_M = 0.005, 1.0
+_POSSIBLE_RESOLUTION_M = 1e-4, 1e3  # beyond, sizes and areas in m leave what floating point can hold
+_FARTHEST_ORIGIN_M = 1e8
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +111,7 @@ def read_map_with_warnings(path: Path) -> LoadedMap:
     log_odds, warnings = to_log_odds(gray, opaque, settings)
     missing = tuple(f"{key} is missing, taken as {getattr(settings, key):g}" for key in settings.missing)
     grid = OccupancyGrid(log_odds, settings.resolution_m, np.array(settings.origin))
+    _refuse_impossible(path, grid)
     return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in (*missing, *_odd_scale(grid), *warnings)))
 
 
@@ -128,7 +131,20 @@ def _read_lossless(path: Path) -> LoadedMap:
         grid = OccupancyGrid(data["log_odds"], float(data["resolution_m"]), data["origin"])
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
         raise MapFileError(f"{path}: not a lossless map, or a damaged one: use the .yaml beside it") from error
+    _refuse_impossible(path, grid)
     return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in _odd_scale(grid)), provenance)
+
+
+def _refuse_impossible(path: Path, grid: OccupancyGrid) -> None:
+    """Raise MapFileError for a map that no computation in metres can use."""
+    finest_m, coarsest_m = _POSSIBLE_RESOLUTION_M
+    if not finest_m <= grid.resolution_m <= coarsest_m:
+        raise MapFileError(
+            f"{path}: resolution is {grid.resolution_m:g} m a cell, expected {finest_m:g} to {coarsest_m:g}"
+        )
+    x_m, y_m, _ = grid.origin.tolist()
+    if max(abs(x_m), abs(y_m)) > _FARTHEST_ORIGIN_M:
+        raise MapFileError(f"{path}: origin is {x_m:g}, {y_m:g} m, expected less than {_FARTHEST_ORIGIN_M:g} m away")
 
 
 def _odd_scale(grid: OccupancyGrid) -> tuple[str, ...]:

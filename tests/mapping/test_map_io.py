@@ -383,3 +383,14 @@ def test_a_resolution_that_no_building_s_map_has_is_told(tmp_path, resolution_m,
         (warning,) = read_map_with_warnings(path).warnings
         assert says in warning
         assert f"{30 * resolution_m:.3g} m x {20 * resolution_m:.3g} m" in warning
+
+
+@pytest.mark.parametrize(
+    ("resolution_m", "x_m", "key"), [(1e-300, 0.0, "resolution"), (1e300, 0.0, "resolution"), (0.05, -1e300, "origin")]
+)
+def test_a_map_that_no_metres_can_hold_is_refused(tmp_path, resolution_m, x_m, key):
+    grid = OccupancyGrid(np.full((3, 4), -5.0, np.float32), resolution_m, np.array([x_m, 0.0, 0.0]))
+    files = write_map(tmp_path / "a", grid)
+    for path in (files.yaml, files.lossless):
+        with pytest.raises(MapFileError, match=f"{key} is"):
+            read_map(path)
