@@ -8,11 +8,10 @@ from drivers.errors import RecordingError
 from drivers.messages import DepthImage, Message, Odometry, Transform
 from drivers.recording_reader import Recording
 from mapping.depth_projection import CameraMount
-from mapping.recorded_poses import RecordedPoses
 from tools.config import Config
 from tools.depth_flow import DepthFlow
 from tools.pipeline import Setup
-from tools.recorded_ground import recorded_poses
+from tools.recorded_ground import RecordedGround, recorded_ground
 
 
 class DepthReplay:
@@ -23,7 +22,8 @@ class DepthReplay:
         self._setup = setup
         self._only_recorded = config.odometry.source == "recorded"
         wants_poses = self._only_recorded or config.depth.tilt == "recorded"
-        self._poses: RecordedPoses | None = recorded_poses(recording, config) if wants_poses else None
+        self._ground: RecordedGround | None = recorded_ground(recording, config) if wants_poses else None
+        self._poses = None if self._ground is None else self._ground.poses
         has_depth = recording.depth_topic is not None
         self.flow = DepthFlow(config, self._mount_of, alone=not has_lidar) if has_depth else None
 
@@ -42,9 +42,18 @@ class DepthReplay:
             if not (self._only_recorded and isinstance(message, Odometry)):
                 yield message
         if self._only_recorded and not found:
+            damage = f" (damaged: {self._recording.problems[0]})" if self._recording.problems else ""
             raise RecordingError(
-                f"{self._recording.path}: no poses of the car or its camera in it; leave out --odometry recorded"
+                f"{self._recording.path}: no poses of the car or its camera in it{damage}; "
+                "leave out --odometry recorded"
             )
+
+    @property
+    def mount_source(self) -> str:
+        """Where it is told how the camera sits, in words."""
+        if self._ground is None or not self._ground.of_camera:
+            return self._setup.camera_source
+        return f"its poses in the recording; {self._ground.level}"
 
     def details(self) -> dict[str, object]:
         """Return what the report says of the camera."""
@@ -56,7 +65,7 @@ class DepthReplay:
                 "topic": self._recording.depth_topic,
                 **self.flow.summary(),
                 "camera_pose": {
-                    "source": self._setup.camera_source if self._tilt() is None else "poses in the recording",
+                    "source": self.mount_source,
                     "x_m": mount.x_m,
                     "y_m": mount.y_m,
                     "z_m": mount.z_m,
