@@ -39,7 +39,8 @@ def open_serial(port: str, baud: int) -> SerialLink:
         device = serial.serial_for_url(port, do_not_open=True)
         device.baudrate = baud
         device.timeout = 0
-        device.write_timeout = _WRITE_TIMEOUT_S
+        if not port.lower().startswith("rfc2217:"):  # pyserial refuses it there
+            device.write_timeout = _WRITE_TIMEOUT_S
         device.dtr = False
         device.rts = False
         device.exclusive = True
