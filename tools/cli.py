@@ -40,6 +40,7 @@ from tools.commands import (
     record,
     replay,
     run,
+    udev_rule,
 )
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
@@ -66,6 +67,7 @@ app.command("pairs")(pairs.pairs)
 app.command("learn")(learn.learn)
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
+app.command("udev-rule")(udev_rule.udev_rule)
 app.add_typer(bench.app, name="bench")
 bench.app.command("depth")(bench_depth.depth)
 bench.app.command("slam")(bench_slam.slam)

@@ -20,6 +20,7 @@ from mapping.depth_sensor_model import DepthModel
 from mapping.depth_views import ViewSettings
 from mapping.front_end import KeyframeSettings
 from mapping.graph_slam import GraphSettings
+from mapping.hidden_sectors import HiddenSector
 from mapping.map_yaml import yaml_fault
 from mapping.mount import Mount
 from mapping.odometry import OdometrySettings
@@ -56,12 +57,26 @@ class MountSection(_Section):
     inverted: bool = Field(False, description="the sensor hangs upside down")
 
 
+class SectorSection(_Section):
+    """A sector in which the laser sees the car itself; as seen from the laser, counter-clockwise, 0 = ahead."""
+
+    from_rad: float = Field(ge=-6.3, le=6.3)
+    to_rad: float = Field(ge=-6.3, le=6.3)
+    nearer_than_m: float | None = Field(None, gt=0, description="hide only returns below this range; null: all")
+
+
 class LidarSection(_Section):
     """The RPLIDAR and how it is run."""
 
     baud: int | None = Field(None, gt=0, le=4_000_000, description="null: 115200 and 256000 are tried")
     mode: str | None = Field(None, description="scan mode by name; null: the device's typical mode")
     motor_pwm: int = Field(660, ge=1, le=1023, description="motor duty; 660 is about 10 turns a second")
+    motor: Literal["auto", "dtr", "rts", "external"] = Field(
+        "auto",
+        description="what switches it: auto, the accessory board if it answers, else DTR; a line; or not we",
+    )
+    reconnect_s: float = Field(10.0, ge=0, le=3600, description="how long a lost lidar is waited for; 0: not at all")
+    hidden: tuple[SectorSection, ...] = Field((), description="sectors in which the car itself is seen")
     mount: MountSection = MountSection()
 
 
@@ -204,6 +219,13 @@ class Config(_Section):
         """Return the laser's planar pose on the body."""
         section = self.lidar.mount
         return Mount(np.array([section.x_m, section.y_m, section.yaw_rad]), section.inverted)
+
+    def hidden_sectors(self) -> tuple[HiddenSector, ...]:
+        """Return where the laser sees the car itself."""
+        return tuple(
+            HiddenSector(one.from_rad, one.to_rad, math.inf if one.nearer_than_m is None else one.nearer_than_m)
+            for one in self.lidar.hidden
+        )
 
     def camera_mount(self) -> CameraMount:
         """Return where the depth camera sits on the body."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import queue
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from drivers.errors import DriverError
 from drivers.messages import LaserScan, Message, Recordable, Transform
+from drivers.newest_queue import NewestQueue
 from drivers.rplidar_decoder import DecoderCounters
 from mapping.slam import MappedScan
 from tools.pipeline import LidarDecoding, MappingFlow
@@ -57,12 +57,11 @@ class SensorThread:
 
     def __init__(self, sensor: LiveSource, put: Put, *, queue_scans: int = QUEUE_SCANS, name: str = "lidar") -> None:
         self.fault: DriverError | None = None
-        self.dropped_scans = 0
         self._failure: Exception | None = None
         self.decoding = LidarDecoding()
         self._sensor = sensor
         self._put = put
-        self._scans: queue.Queue[Message] = queue.Queue(queue_scans)
+        self._scans: NewestQueue[Message] = NewestQueue(queue_scans)
         self._thread = threading.Thread(target=self._read, name=name, daemon=True)
 
     def start(self) -> None:
@@ -81,12 +80,14 @@ class SensorThread:
         """False once the sensor has ended or failed."""
         return self._thread.is_alive()
 
+    @property
+    def dropped_scans(self) -> int:
+        """Scans or images that were not taken in time."""
+        return self._scans.dropped
+
     def take(self, timeout_s: float) -> Message | None:
         """Return the oldest scan or image that waits, None where there is none within the time."""
-        try:
-            return self._scans.get(timeout=timeout_s)
-        except queue.Empty:
-            return None
+        return self._scans.take(timeout_s)
 
     def _read(self) -> None:
         try:
@@ -95,21 +96,11 @@ class SensorThread:
                 for decoded in self.decoding.feed(message):
                     if isinstance(decoded, LaserScan):
                         self._put(decoded)
-                    self._offer(decoded)
+                    self._scans.put(decoded)
         except DriverError as error:
             self.fault = error
         except Exception as error:  # noqa: BLE001 - raised again by stop(), in the caller's thread
             self._failure = error
-
-    def _offer(self, message: Message) -> None:
-        """Queue a scan; with a full queue the oldest goes, and is counted."""
-        while True:
-            try:
-                self._scans.put_nowait(message)
-            except queue.Full:
-                self.dropped_scans += self.take(0.0) is not None
-            else:
-                return
 
 
 class LiveReading:

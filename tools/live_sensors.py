@@ -17,6 +17,9 @@ from drivers.messages import LidarStream, Transform
 from drivers.rotations import quaternion
 from drivers.rplidar import Rplidar, open_rplidar
 from drivers.rplidar_models import is_emulated
+from drivers.rplidar_motor import MotorControl
+from drivers.rplidar_resuming import ResumePolicy, ResumingLidar
+from drivers.serial_names import stable_path
 from drivers.system_calls import LinuxSystemCalls, SystemCalls
 from mapping.frames import planar_transform
 from tools.clock import RunClock
@@ -33,7 +36,7 @@ AUTO = "auto"
 class LiveSensors:
     """What was started; places: where the sensors sit, as the static transforms that run and replay start from."""
 
-    lidar: Rplidar | None
+    lidar: ResumingLidar | None
     stream: LidarStream | None
     camera: DepthCamera | None
     places: tuple[Transform, ...]
@@ -65,6 +68,8 @@ class LiveSensors:
         if self.stream is not None:
             names = ("model", "firmware", "serial", "mode")
             summary["lidar"] = {name: getattr(self.stream, name) for name in names}
+        if self.lidar is not None and self.lidar.losses:
+            summary["lidar_losses"] = self.lidar.losses
         if self.camera is not None:
             info, counters = self.camera.info, self.camera.counters
             summary["camera"] = {
@@ -90,13 +95,25 @@ def started_sensors(
         camera = None if camera_port is None else opened.enter_context(open_camera(camera_port, config, clock))
         lidar, stream = None, None
         if lidar_port is not None:
-            lidar = opened.enter_context(open_rplidar(lidar_port, baud=config.lidar.baud, clock=clock))
+            lidar = opened.enter_context(open_lidar(lidar_port, config, clock))
             stream = lidar.start(config.lidar.mode, config.lidar.motor_pwm)
             _tell_lidar(stream, lidar_port)
         stamp_ns = clock() if stream is None else stream.stamp_ns
         places = [] if stream is None else [_laser_place(config, stamp_ns)]
         places += [] if camera is None else [_camera_place(config, stamp_ns)]
         yield LiveSensors(lidar, stream, camera, tuple(places))
+
+
+def open_lidar(port: str, config: Config, clock: RunClock) -> ResumingLidar:
+    """Open the lidar, which is waited for and opened again when it is lost on the way. Raises DriverError."""
+    section = config.lidar
+    path = stable_path(port)
+    baud = section.baud
+
+    def open_again() -> Rplidar:
+        return open_rplidar(path, baud=baud, motor=MotorControl(section.motor), clock=clock)
+
+    return ResumingLidar(open_again, ResumePolicy(section.reconnect_s), clock=clock, tell=log.warning)
 
 
 def open_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:

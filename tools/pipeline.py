@@ -24,6 +24,7 @@ from mapping.frames import find_mount, find_pose
 from mapping.graph_slam import GraphSettings
 from mapping.graph_state import GraphState
 from mapping.grid import OccupancyGrid
+from mapping.hidden_sectors import hide_sectors
 from mapping.loop_closure import LoopSettings
 from mapping.mount import Mount
 from mapping.slam import MappedScan, Mapper, MappingSettings
@@ -89,6 +90,7 @@ class MappingFlow:
         self.seconds: list[float] = []
         self.finish_s = self.refine_s = 0.0
         self._sweep_reversed = sweep_reversed
+        self._hidden, self._mount = config.hidden_sectors(), mount
 
     def feed(self, message: Message) -> list[MappedScan]:
         """Take in one message; return the scans that could be mapped with it."""
@@ -100,6 +102,8 @@ class MappingFlow:
             message = seen
         if isinstance(message, LaserScan):
             self.scans += 1
+            if self.depth is None or not self.depth.alone:
+                message = hide_sectors(message, self._hidden, self._mount)
             mapped = self.mapper.add_scan(reverse_sweep(message) if self._sweep_reversed else message)
         elif isinstance(message, Odometry):
             mapped = self.mapper.add_odometry(message)

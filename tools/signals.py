@@ -1,4 +1,4 @@
-"""Ending a command cleanly on Ctrl-C and on SIGTERM."""
+"""Ending a command cleanly on Ctrl-C, on SIGTERM, and when its terminal goes, as with a broken ssh connection."""
 
 from __future__ import annotations
 
@@ -19,14 +19,20 @@ class Stop(threading.Event):
 
 @contextmanager
 def stop_on_signals() -> Iterator[Stop]:
-    """Yield an event that SIGINT and SIGTERM set; the former handlers return at the end. Main thread only."""
+    """Yield an event that SIGINT, SIGTERM and SIGHUP set; the former handlers return at the end. Main thread only.
+
+    SIGHUP stays ignored where it is, under nohup.
+    """
     stop = Stop()
 
     def handle(_number: int, _frame: FrameType | None) -> None:
         stop.asked += 1
         stop.set()
 
-    former = {number: signal.signal(number, handle) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    former = {number: signal.signal(number, handle) for number in numbers}
     try:
         yield stop
     finally:
