@@ -9,6 +9,7 @@ import io
 import os
 import select
 import termios
+from dataclasses import dataclass
 from pathlib import Path
 
 import serial
@@ -146,6 +147,24 @@ def _open_error(port: str, baud: int, error: Exception) -> DriverError:
     if code in (errno.ENOTTY, errno.EISDIR) or f"({errno.ENOTTY}, " in detail:
         return DriverError(f"{port}: no serial port: expected a serial port or a pyserial URL, such as /dev/ttyUSB0")
     return DriverError(f"{port}: cannot be opened at {baud} baud ({detail}): expected a serial port or a pyserial URL")
+
+
+@dataclass(frozen=True, slots=True)
+class UsbAdapter:
+    """The USB side of a serial port: vendor and product id, and the serial number if it has one."""
+
+    vendor: int
+    product: int
+    serial_number: str | None
+
+
+def usb_adapter(port: str) -> UsbAdapter | None:
+    """The adapter at a port (a path, links are followed); None where there is none."""
+    device = str(Path(port).resolve())
+    for entry in list_ports.comports():
+        if entry.device == device and entry.vid is not None and entry.pid is not None:
+            return UsbAdapter(entry.vid, entry.pid, entry.serial_number)
+    return None
 
 
 def _ports_present() -> list[str]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from serial.tools import list_ports
-
 from drivers.errors import PortMissingError
+from drivers.serial_link import UsbAdapter, usb_adapter
 
 LINK_FOLDERS = (Path("/dev/serial/by-id"), Path("/dev/serial/by-path"))
-_CP2102 = (0x10C4, 0xEA60)  # the adapter of the RPLIDAR's accessory board
+_CP2102 = UsbAdapter(0x10C4, 0xEA60, None)  # the adapter of the RPLIDAR's accessory board
 
 
 def stable_path(port: str, folders: tuple[Path, ...] = LINK_FOLDERS) -> str:
@@ -32,19 +31,16 @@ def udev_rule(port: str | None, name: str) -> str:
 
     Raises PortMissingError where no USB adapter is at the port.
     """
-    if port is None:
-        return _rule(*_CP2102, None, name)
-    device = str(Path(port).resolve())
-    for entry in list_ports.comports():
-        if entry.device == device and entry.vid is not None and entry.pid is not None:
-            return _rule(entry.vid, entry.pid, entry.serial_number, name)
-    raise PortMissingError(
-        f"{port}: no USB serial adapter is there, so no rule can name it: plug it in or leave it out"
-    )
-
-
-def _rule(vendor: int, product: int, serial_number: str | None, name: str) -> str:
-    matches = ['SUBSYSTEM=="tty"', f'ATTRS{{idVendor}}=="{vendor:04x}"', f'ATTRS{{idProduct}}=="{product:04x}"']
-    if serial_number:
-        matches.append(f'ATTRS{{serial}}=="{serial_number}"')
+    adapter = _CP2102 if port is None else usb_adapter(port)
+    if adapter is None:
+        raise PortMissingError(
+            f"{port}: no USB serial adapter is there, so no rule can name it: plug it in or leave it out"
+        )
+    matches = [
+        'SUBSYSTEM=="tty"',
+        f'ATTRS{{idVendor}}=="{adapter.vendor:04x}"',
+        f'ATTRS{{idProduct}}=="{adapter.product:04x}"',
+    ]
+    if adapter.serial_number:
+        matches.append(f'ATTRS{{serial}}=="{adapter.serial_number}"')
     return ", ".join([*matches, 'GROUP="dialout"', 'MODE="0660"', f'SYMLINK+="{name}"'])

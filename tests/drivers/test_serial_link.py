@@ -14,7 +14,7 @@ import serial
 from serial import rfc2217
 
 from drivers.errors import DeviceLostError, DriverError, PortBusyError, PortMissingError, PortPermissionError
-from drivers.serial_link import open_serial
+from drivers.serial_link import open_serial, usb_adapter
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals need a POSIX system")
 
@@ -101,7 +101,7 @@ def test_no_permission(tmp_path) -> None:
     port = tmp_path / "port"
     port.touch(mode=0)
     group = grp.getgrgid(port.stat().st_gid).gr_name
-    with pytest.raises(PortPermissionError, match=f"-aG {group} "):
+    with pytest.raises(PortPermissionError, match=f"-aG {'dialout' if group == 'root' else group} "):
         open_serial(str(port), 115200)
 
 
@@ -201,3 +201,8 @@ def test_a_port_on_the_network() -> None:
     with pytest.raises(DeviceLostError):
         link.read(2.0)
     link.close()
+
+
+@posix
+def test_a_pseudo_terminal_is_no_usb_adapter(pair) -> None:
+    assert usb_adapter(pair[1]) is None
