@@ -100,8 +100,11 @@ class SerialLink(Closing):
 
     def close(self) -> None:
         """Release the port; closing twice, or after the device went, is allowed."""
+        network = getattr(self._device, "_socket", None)
         with contextlib.suppress(OSError):
             self._device.close()
+        if network is not None:
+            network.close()  # pyserial 3.5 leaves it open when the far end has gone
 
     def _set_line(self, name: str, asserted: bool) -> None:
         try:

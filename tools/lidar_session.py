@@ -203,6 +203,7 @@ def _session_details(sensors: LiveSensors, outcome: LiveOutcome, recorded: Recor
         "decoder": decoding_summary(outcome.streams),
         "fault": None if outcome.fault is None else str(outcome.fault),
         "camera_fault": None if outcome.camera_fault is None else str(outcome.camera_fault),
+        **({} if outcome.speed_hz is None else {"turns_per_s": round(outcome.speed_hz, 2)}),
     }
     if recorded is not None:
         details["recording"] = {

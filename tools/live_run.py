@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -15,12 +16,14 @@ from drivers.errors import DriverError
 from drivers.messages import LaserScan, Message, Recordable, Transform
 from drivers.newest_queue import NewestQueue
 from drivers.rplidar_decoder import DecoderCounters
+from drivers.scan_reader import turn_rate_hz
 from mapping.slam import MappedScan
 from tools.pipeline import LidarDecoding, MappingFlow
 
 FloatArray = NDArray[np.float64]
 Put = Callable[[Recordable], None]
 
+_SPEED_TURNS = 10
 QUEUE_SCANS = 200  # 20 s of a lidar at 10 turns a second
 QUEUE_IMAGES = 15  # half a second of a camera beside a lidar; alone it has 1: the latest one counts
 
@@ -42,7 +45,7 @@ class LiveOutcome:
     """How a live run ended: scans that mapping was too slow for, what the decoder saw, and the fault that ended it.
 
     dropped_images: depth images that mapping left out because newer ones came; camera_fault: a camera that was lost
-    while the lidar went on.
+    while the lidar went on. speed_hz: turns a second over the last whole turns of the lidar.
     """
 
     dropped_scans: int
@@ -50,6 +53,7 @@ class LiveOutcome:
     fault: DriverError | None
     dropped_images: int = 0
     camera_fault: DriverError | None = None
+    speed_hz: float | None = None
 
 
 class SensorThread:
@@ -59,6 +63,7 @@ class SensorThread:
         self.fault: DriverError | None = None
         self._failure: Exception | None = None
         self.decoding = LidarDecoding()
+        self._turns_ns: deque[int] = deque(maxlen=_SPEED_TURNS)
         self._sensor = sensor
         self._put = put
         self._scans: NewestQueue[Message] = NewestQueue(queue_scans)
@@ -89,6 +94,16 @@ class SensorThread:
         """Return the oldest scan or image that waits, None where there is none within the time."""
         return self._scans.take(timeout_s)
 
+    @property
+    def speed_hz(self) -> float | None:
+        """Turns a second over the last whole turns in a row; None before there are two."""
+        return turn_rate_hz([*self._turns_ns])
+
+    def _note_turn(self, scan: LaserScan) -> None:
+        if not scan.complete:
+            self._turns_ns.clear()
+        self._turns_ns.append(scan.stamp_ns)
+
     def _read(self) -> None:
         try:
             for message in self._sensor:
@@ -96,6 +111,7 @@ class SensorThread:
                 for decoded in self.decoding.feed(message):
                     if isinstance(decoded, LaserScan):
                         self._put(decoded)
+                        self._note_turn(decoded)
                     self._scans.put(decoded)
         except DriverError as error:
             self.fault = error
@@ -154,6 +170,7 @@ class LiveReading:
             fault=self._first.fault,
             dropped_images=0 if camera is None else camera.dropped_scans,
             camera_fault=None if camera is None or lidar is None else camera.fault,
+            speed_hz=None if lidar is None else lidar.speed_hz,
         )
 
     def _tell_lost_camera(self) -> None:

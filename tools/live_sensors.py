@@ -111,7 +111,10 @@ def open_lidar(port: str, config: Config, clock: RunClock) -> ResumingLidar:
     baud = section.baud
 
     def open_again() -> Rplidar:
-        return open_rplidar(path, baud=baud, motor=MotorControl(section.motor), clock=clock)
+        nonlocal baud
+        lidar = open_rplidar(path, baud=baud, motor=MotorControl(section.motor), clock=clock)
+        baud = lidar.baud  # so that it is not searched once more after a loss
+        return lidar
 
     return ResumingLidar(open_again, ResumePolicy(section.reconnect_s), clock=clock, tell=log.warning)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import itertools
 import os
 import resource
+import socket
 import subprocess
 import sys
 import threading
@@ -155,3 +157,35 @@ def test_a_thousand_openings_leak_nothing() -> None:
     assert after[:2] == before[:2]
     assert after[2] - before[2] < 100
     assert after_kb - before_kb < 2000
+
+
+def relay(server: socket.socket, path: str) -> None:
+    """Pass bytes between one client and a port until either goes."""
+    client, _ = server.accept()
+    with client, open_serial(path, A2M8.baud) as link, contextlib.suppress(OSError, DeviceLostError):
+        client.settimeout(0.01)
+        while True:
+            try:
+                heard = client.recv(4096)
+                if not heard:
+                    return
+                link.write(heard)
+            except TimeoutError:
+                pass
+            client.sendall(link.read(0.01))
+
+
+def test_a_sensor_behind_a_socket() -> None:
+    _, port = serve()
+    with port, socket.create_server(("127.0.0.1", 0)) as server:
+        relaying = threading.Thread(target=relay, args=(server, port.name))
+        relaying.start()
+        url = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        with open_rplidar(url) as lidar, ScanReader(lidar) as reader:
+            scans = list(itertools.islice(reader, 5))
+            assert (lidar.info().model, lidar.baud) == ("A2M8", 115200)
+            port.unplug()
+            with pytest.raises(DeviceLostError, match="socket://"):
+                list(reader)
+        relaying.join()
+    assert scans[-1].complete

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drivers.messages import LidarStream
 from drivers.pty_port import PtyPort
 from drivers.recording_reader import open_recording
 from drivers.rplidar_emulator import RplidarEmulator
@@ -48,6 +50,37 @@ def test_live_and_replay_agree_from_the_first_byte_on(settings, tmp_path):
         assert (tmp_path / "live" / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
     with np.load(tmp_path / "live/map.npz") as live, np.load(tmp_path / "again/map.npz") as replayed:
         assert np.array_equal(live["log_odds"], replayed["log_odds"])
+
+
+@pytest.mark.live
+def test_a_lidar_that_is_unplugged_for_a_while_costs_that_while_and_no_more(tmp_path):
+    drive, link, folder, stop = Drive.standing((1.6, 3.6, 0.3)), tmp_path / "lidar", tmp_path / "live", Stop()
+    emulator = RplidarEmulator(A2M8, simulated_lidar("office", drive, noise=True, seed=3), startup_s=0.1)
+    folder.mkdir()
+
+    def pull() -> None:
+        port.unplug()
+        emulator.power_up(time.monotonic_ns())
+
+    def begin() -> Path:
+        """The lidar turns: from here on the seconds count."""
+        for seconds, act in ((2.0, pull), (2.7, port.plug_in), (6.0, stop.set)):
+            threading.Timer(seconds, act).start()
+        return folder
+
+    with PtyPort(emulator, A2M8.baud, link=link) as port:
+        report, fault = run_session(str(link), parse({}, "test"), begin, stop, record=True)
+    assert fault is None
+    assert report["lidar_losses"] == 1
+    assert session_is_whole(report)
+    with open_recording(folder / "recording.mcap") as recording:
+        streams = [message for message in recording if isinstance(message, LidarStream)]
+    assert [stream.mode for stream in streams] == ["Sensitivity", "Sensitivity"]
+    with open_recording(folder / "recording.mcap") as recording:
+        again = replay_recording(recording, recorded_config(recording), tmp_path / "again", on_progress=lambda _: None)
+    assert again["decoder"] == report["decoder"]
+    assert (tmp_path / "again/map.pgm").read_bytes() == (folder / "map.pgm").read_bytes()
+    assert report["scans"]["mapped"] > 20
 
 
 @pytest.mark.live
