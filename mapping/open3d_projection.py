@@ -28,7 +28,7 @@ def best_projection() -> Projection:
     try:
         return open3d_projection()
     except (ImportError, OSError) as error:
-        log.warning("depth is projected by numpy, because Open3D cannot be loaded (pip install open3d): %s", error)
+        log.warning("depth is projected by numpy, because Open3D cannot be loaded (make setup-depth): %s", error)
         return project
 
 

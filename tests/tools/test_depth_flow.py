@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -61,3 +64,57 @@ def test_far_walls_locate_the_car_though_they_are_not_drawn(images):
     valid = [sum(int(each.add_image(frame).valid.sum()) for frame in images[1]) for each in (near, far)]
     assert reaches[0] == reaches[1] > 3.0
     assert valid[0] < valid[1]
+
+
+# Prints how often Open3D was asked for, whether it is installed or not.
+LOOKS_FOR_OPEN3D = """
+import sys, threading
+from pathlib import Path
+
+asked = []
+
+class Watch:
+    def find_spec(self, name, path=None, target=None):
+        if name == "open3d":
+            asked.append(name)
+
+sys.meta_path.insert(0, Watch())
+
+from drivers.pty_port import PtyPort
+from drivers.recording_reader import open_recording
+from drivers.rplidar_emulator import RplidarEmulator
+from drivers.rplidar_models import A2M8
+from tools.config import Config, parse
+from tools.emulation import Drive, simulated_lidar
+from tools.lidar_session import run_session
+from tools.pipeline import warm_up
+from tools.replay_run import replay_recording
+from tools.signals import Stop
+
+config = parse({"slam": {"refine": False}, "depth": {"width": 424, "height": 240, "fps": 15}}, "test")
+camera, folder = sys.argv[1] or None, Path(sys.argv[2])
+
+def live():
+    stop = Stop()
+    emulator = RplidarEmulator(A2M8, simulated_lidar("office", Drive.tour("office"), noise=True, seed=3), startup_s=-0.2)
+    with PtyPort(emulator, A2M8.baud) as port:
+        threading.Timer(4.0, stop.set).start()
+        return run_session(port.name, config, lambda: folder, stop, record=True, camera_port=camera)
+
+folder.mkdir()
+warm_up()
+report, _ = live()
+assert report["scans"]["mapped"] > 3, report
+with open_recording(folder / "recording.mcap") as recording:
+    replay_recording(recording, config, folder / "again", on_progress=lambda _: None)
+print(len(asked))
+"""
+
+
+@pytest.mark.live
+@pytest.mark.parametrize(("camera", "is_asked_for"), [("", False), ("emulated:office", True)])
+def test_open3d_is_imported_only_where_there_is_depth(camera, is_asked_for, tmp_path):
+    command = [sys.executable, "-c", LOOKS_FOR_OPEN3D, camera, str(tmp_path / "run")]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert result.returncode == 0, result.stderr
+    assert (int(result.stdout) > 0) == is_asked_for
