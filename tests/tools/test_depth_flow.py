@@ -96,7 +96,8 @@ camera, folder = sys.argv[1] or None, Path(sys.argv[2])
 
 def live():
     stop = Stop()
-    emulator = RplidarEmulator(A2M8, simulated_lidar("office", Drive.tour("office"), noise=True, seed=3), startup_s=-0.2)
+    ranger = simulated_lidar("office", Drive.tour("office"), noise=True, seed=3)
+    emulator = RplidarEmulator(A2M8, ranger, startup_s=-0.2)
     with PtyPort(emulator, A2M8.baud) as port:
         threading.Timer(4.0, stop.set).start()
         return run_session(port.name, config, lambda: folder, stop, record=True, camera_port=camera)
