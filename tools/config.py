@@ -84,6 +84,9 @@ class DepthSection(_Section):
     camera_info: str | None = Field(
         None, description="YAML with the intrinsics, for a camera that does not tell them; a RealSense does"
     )
+    regain_s: float = Field(
+        60.0, ge=0, description="a camera alone that is lost is looked for so long; beside a lidar until the run ends"
+    )
     mount: CameraMountSection = CameraMountSection()
     tilt: Literal["mount", "recorded"] = Field(
         "mount", description="of the camera; recorded: from poses in the recording, as for one held in the hand"
