@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.reconnecting_camera import ReconnectingCamera
 from drivers.depth_discovery import DepthSearch, find_depth_nodes
 from drivers.messages import DepthImage
+from drivers.reconnecting_camera import ReconnectingCamera
 from drivers.system_calls import LinuxSystemCalls
 from tools.clock import RunClock
 from tools.config import Config
