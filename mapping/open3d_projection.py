@@ -37,7 +37,9 @@ def open3d_projection() -> Projection:
     _preload_libusb()
     import open3d  # noqa: PLC0415 (slow, and not on every computer)
 
-    open3d.utility.set_max_threads(1)  # more wait for each other longer than one needs, while the lidar is mapped beside
+    open3d.utility.set_max_threads(
+        1
+    )  # more wait for each other longer than one needs, while the lidar is mapped beside
 
     tensor, float64 = open3d.core.Tensor, open3d.core.Dtype.Float64
 

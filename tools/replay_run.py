@@ -12,8 +12,7 @@ from drivers.recording_reader import Recording
 from mapping.graph_state import GraphState
 from mapping.slam import MappedScan
 from tools.config import Config, parse
-from tools.depth_flow import scan_mount
-from tools.depth_replay import DepthReplay
+from tools.depth_replay import DepthReplay, error_lines
 from tools.localisation import Localisation
 from tools.pipeline import LidarDecoding, MappingFlow, Setup, look_ahead
 from tools.results import Report, decoding_summary, lost_pieces, new_run_folder, save_results
@@ -60,7 +59,7 @@ def replay_recording(
     decoding = LidarDecoding()
     flow = MappingFlow(
         config,
-        setup.mount if has_lidar else scan_mount(setup.camera),
+        setup.mount if has_lidar else camera.mount,
         sweep_reversed=setup.sweep.is_reversed,
         resume=resume,
         depth=camera.flow,
@@ -85,6 +84,7 @@ def replay_recording(
     _refuse_unmapped(recording, flow, last)
     for problem in recording.problems:
         on_progress(f"damaged recording: {problem}")
+    error = camera.trajectory_error(flow.mapper.trajectory)
     folder = new_run_folder(output)
     report = save_results(
         folder,
@@ -95,12 +95,12 @@ def replay_recording(
             "problems": recording.problems,
             "skipped_types": recording.skipped,
             **(_lidar_details(recording, config, setup, decoding) if has_lidar else {}),
-            **camera.details(),
+            **camera.details(error),
             **({} if localisation is None else {"localisation": localisation.save(folder)}),
         },
         save_state=save_state,
     )
-    for line in lost_pieces(report):
+    for line in [*error_lines(error), *lost_pieces(report)]:
         on_progress(line)
     on_progress(_summary(report, folder, time.monotonic() - started))
     return report
