@@ -33,7 +33,8 @@ class DepthReplay:
         self._setup = setup
         self._only_recorded = config.odometry.source == "recorded"
         has_depth = recording.depth_topic is not None
-        self._tilt_recorded = self._only_recorded or config.depth.tilt != "mount"
+        self._in_hand = config.depth.tilt != "mount"
+        self._tilt_recorded = self._only_recorded or self._in_hand
         self._poses: RecordedPoses | None = None
         if self._tilt_recorded or (has_depth and not has_lidar):
             self._poses = recorded_poses(recording, config)
@@ -64,7 +65,7 @@ class DepthReplay:
     @property
     def mount(self) -> Mount:
         """Where the laser would sit that gives the camera's scans: a camera in the hand is its own car."""
-        return scan_mount(CameraMount() if self._tilt_recorded else self._setup.camera)
+        return scan_mount(CameraMount() if self._in_hand else self._setup.camera)
 
     def trajectory_error(self, found: Trajectory) -> TrajectoryError2D | None:
         """Return how far the car's poses are from those that were recorded; None where there are none."""
@@ -111,7 +112,7 @@ class DepthReplay:
 
     def _place(self) -> FloatArray:
         """Return the pose (3,) on the car of what is headed where the camera looks."""
-        mount = CameraMount() if self._tilt_recorded else self._setup.camera
+        mount = CameraMount() if self._in_hand else self._setup.camera
         return np.array([mount.x_m, mount.y_m, mount.yaw_rad])
 
 
