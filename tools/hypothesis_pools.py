@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fusion.evaluation import error_at_points
 from fusion.evidence import TRENDS, different_places, judged_places
-from fusion.identity import reference_rank
+from fusion.identity import precedes
 from fusion.survey import survey
 from mapping import se2
 from tools.errors import ToolError
@@ -76,7 +76,7 @@ def pools_of(
 def pool_of(key: str, pair: MapPair, seed: int) -> HypothesisPool:
     """Return the hypotheses of a pair as the registration makes them, each judged by the pair's truth."""
     a, b = load_grids(pair)
-    exchanged = reference_rank(b) < reference_rank(a)
+    exchanged = precedes(b, a)
     first, second = (survey(grid) for grid in ((b, a) if exchanged else (a, b)))
     buildings, true = (pair.building_a, pair.building_b), pair.truth is not None
     if any(each.free_m2 == 0.0 or each.wall_m == 0.0 for each in (first, second)):
