@@ -83,7 +83,7 @@ def png_counts(data: bytes) -> DepthCounts:
 def _check_png(data: bytes) -> None:
     """Raise ValueError unless this is a whole PNG of one grey channel of 16 bits; libpng itself reports to stderr."""
     if not data.startswith(_PNG_MAGIC):
-        raise ValueError(f"no PNG: it starts with {data[:8]!r}")
+        raise ValueError(f"no PNG: it starts with {data[:8]!r}" if data else "no PNG: it is empty")
     place, kind = len(_PNG_MAGIC), b""
     while kind != b"IEND":
         head = data[place : place + 8]

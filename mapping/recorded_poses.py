@@ -51,14 +51,20 @@ class RecordedPoses:
 
     @property
     def mount(self) -> CameraMount | None:
-        """Where the camera sits, as the last transforms say; None before there is any."""
+        """Where the camera sits, as the last transforms say; None before there is any, or where they are the car's."""
+        place = self.camera_place
+        return None if place is None else below(place)[1]
+
+    @property
+    def camera_place(self) -> FloatArray | None:
+        """T_level_optical (4, 4) of a camera that is tracked itself, as the last transforms say."""
         for base in self._base_frames:
             if self._moving.intersection(self._chain(base)):
                 return None
         chain = self._chain(self._camera_frame)
         if chain[0] not in self._above:
             return None
-        return below(self._T_level_root @ self._place(chain))[1]
+        return self._T_level_root @ self._place(chain)
 
     def _chain(self, frame: str) -> list[str]:
         """Return the frame and those above it, without the root."""

@@ -20,6 +20,7 @@ from mapping.depth_sensor_model import DepthModel
 from mapping.depth_views import ViewSettings
 from mapping.front_end import KeyframeSettings
 from mapping.graph_slam import GraphSettings
+from mapping.map_yaml import yaml_fault
 from mapping.mount import Mount
 from mapping.odometry import OdometrySettings
 from mapping.sensor_models import LidarModel
@@ -241,9 +242,11 @@ class Config(_Section):
             return self
         if resolution_m is not None and cells_per_meter is not None:
             raise ConfigError("--resolution and --cells-per-meter say the same thing twice: give one")
+        option = f"--resolution {resolution_m}"
         if cells_per_meter is not None:
+            option = f"--cells-per-meter {cells_per_meter}"
             resolution_m = 1.0 / cells_per_meter if cells_per_meter > 0 else math.nan
-        return parse({**self.model_dump(), "grid": {**self.grid.model_dump(), "resolution_m": resolution_m}}, "options")
+        return parse({**self.model_dump(), "grid": {**self.grid.model_dump(), "resolution_m": resolution_m}}, option)
 
     def with_slam(self, *, loop_closure: bool | None, refine: bool | None, scan_every: int | None) -> Config:
         """Return a copy with what is given changed in the section `slam`."""
@@ -270,6 +273,9 @@ def parse(values: object, origin: str) -> Config:
         if first["type"] == "extra_forbidden":
             known = ", ".join(_known_keys(path[:-1]))
             problem = f"unknown key '{'.'.join(path)}'; known here: {known}"
+        elif first["type"] == "model_type":
+            known = ", ".join(_known_keys(path))
+            problem = f"{'.'.join(path)}: expected keys below it, of {known}; got {first['input']!r}"
         else:
             problem = f"{'.'.join(path)}: {first['msg'].lower()}, got {first['input']!r}"
         raise ConfigError(f"{origin}: {problem}") from error
@@ -284,8 +290,12 @@ def load(path: Path | None) -> Config:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
     except (YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not YAML: {str(error).splitlines()[0]}") from error
-    return parse({} if values is None else values, str(path))
+        raise ConfigError(f"{path}: not YAML: {yaml_fault(error)}") from error
+    config = parse({} if values is None else values, str(path))
+    camera_info = config.depth.camera_info
+    if camera_info is not None and not Path(camera_info).is_file():
+        raise ConfigError(f"{path}: depth.camera_info: no file {camera_info}")
+    return config
 
 
 def _known_keys(path: list[str]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, replace
 
 import numpy as np
@@ -15,12 +16,11 @@ from mapping import se2
 from mapping.depth_projection import CameraMount
 from mapping.metrics import TrajectoryError2D, absolute_trajectory_error
 from mapping.mount import Mount
-from mapping.recorded_poses import RecordedPoses
 from mapping.trajectory import Trajectory
 from tools.config import Config
 from tools.depth_flow import DepthFlow, scan_mount
 from tools.pipeline import CAMERA_FRAME, Setup
-from tools.recorded_ground import recorded_poses
+from tools.recorded_ground import RecordedGround, recorded_ground
 
 FloatArray = NDArray[np.float64]
 
@@ -35,9 +35,13 @@ class DepthReplay:
         has_depth = recording.depth_topic is not None
         self._in_hand = config.depth.tilt != "mount"
         self._tilt_recorded = self._only_recorded or self._in_hand
-        self._poses: RecordedPoses | None = None
-        if self._tilt_recorded or (has_depth and not has_lidar):
-            self._poses = recorded_poses(recording, config)
+        self._ground: RecordedGround | None = None
+        if self._only_recorded or config.depth.tilt == "recorded":
+            self._ground = recorded_ground(recording, config)
+        elif has_depth and not has_lidar:
+            with suppress(RecordingError):  # then the poses are not needed, but only compared with
+                self._ground = recorded_ground(recording, config)
+        self._poses = None if self._ground is None else self._ground.poses
         self._way: list[Odometry] = []  # as recorded
         self.flow = DepthFlow(config, self._mount_of, alone=not has_lidar) if has_depth else None
 
@@ -58,9 +62,19 @@ class DepthReplay:
             if not (self._only_recorded and isinstance(message, Odometry)):
                 yield message
         if self._only_recorded and not found:
+            damage = f" (damaged: {self._recording.problems[0]})" if self._recording.problems else ""
             raise RecordingError(
-                f"{self._recording.path}: no poses of the car or its camera in it; leave out --odometry recorded"
+                f"{self._recording.path}: no poses of the car or its camera in it{damage}; "
+                "leave out --odometry recorded"
             )
+
+    @property
+    def mount_source(self) -> str:
+        """Where it is told how the camera sits, in words."""
+        if self._ground is None or not (self._tilt_recorded and self._ground.of_camera):
+            return self._setup.camera_source
+        which = "its poses" if self.flow is None or not self.flow.tracks else "its first pose"
+        return f"{which} in the recording; {self._ground.level}"
 
     @property
     def mount(self) -> Mount:
@@ -92,7 +106,7 @@ class DepthReplay:
                 "topic": self._recording.depth_topic,
                 **self.flow.summary(),
                 "camera_pose": {
-                    "source": self._setup.camera_source if self._tilt() is None else "poses in the recording",
+                    "source": self.mount_source,
                     "x_m": mount.x_m,
                     "y_m": mount.y_m,
                     "z_m": mount.z_m,
