@@ -291,11 +291,7 @@ def load(path: Path | None) -> Config:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
     except (YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not YAML: {yaml_fault(error)}") from error
-    config = parse({} if values is None else values, str(path))
-    camera_info = config.depth.camera_info
-    if camera_info is not None and not Path(camera_info).is_file():
-        raise ConfigError(f"{path}: depth.camera_info: no file {camera_info}")
-    return config
+    return parse({} if values is None else values, str(path))
 
 
 def _known_keys(path: list[str]) -> list[str]:
