@@ -19,7 +19,7 @@ _SPEED_TURNS = 10
 
 
 class LiveLidar(Iterable[Message], Protocol):
-    """What is read: an Rplidar or a ResumingLidar."""
+    """What is read: an Rplidar or a ReconnectingLidar."""
 
     def request_stop(self) -> None:
         """End the iteration soon."""

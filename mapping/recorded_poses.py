@@ -45,7 +45,7 @@ class RecordedPoses:
             chain = self._chain(base)
             if child in chain and chain[0] in self._above and self._moving.intersection(chain):
                 place = self._T_level_root @ self._place(chain)
-                pose = below(place)[0] if base == self._camera_frame else _planar(place)
+                pose = below(place)[0] if base == self._camera_frame else planar(place)
                 return Odometry(transform.stamp_ns, pose, _STILL, "recorded", base)
         return None
 
@@ -115,6 +115,7 @@ def floor_height(heights_m: FloatArray) -> float:
     return float(edges[lowest] + 0.025)
 
 
-def _planar(T_level_base: FloatArray) -> FloatArray:
+def planar(T_level_base: FloatArray) -> FloatArray:
+    """Return the pose (3,) of a car (4, 4) on the floor."""
     x, y = T_level_base[:2, 3].tolist()
     return np.array([x, y, math.atan2(T_level_base[1, 0], T_level_base[0, 0])])

@@ -75,7 +75,7 @@ class LidarSection(_Section):
         "auto",
         description="what switches it: auto, the accessory board if it answers, else DTR; a line; or not we",
     )
-    reconnect_s: float = Field(10.0, ge=0, le=3600, description="how long a lost lidar is waited for; 0: not at all")
+    regain_s: float = Field(10.0, ge=0, le=3600, description="how long a lost lidar is waited for; 0: not at all")
     hidden: tuple[SectorSection, ...] = Field((), description="sectors in which the car itself is seen")
     mount: MountSection = MountSection()
 
@@ -100,9 +100,18 @@ class DepthSection(_Section):
     camera_info: str | None = Field(
         None, description="YAML with the intrinsics, for a camera that does not tell them; a RealSense does"
     )
+    regain_s: float = Field(
+        60.0, ge=0, description="a camera alone that is lost is looked for so long; beside a lidar until the run ends"
+    )
     mount: CameraMountSection = CameraMountSection()
-    tilt: Literal["mount", "recorded"] = Field(
-        "mount", description="of the camera; recorded: from poses in the recording, as for one held in the hand"
+    odometry: Literal["scan", "cloud"] = Field(
+        "scan",
+        description="of a camera alone; scan: what is in its band of heights, for a car; cloud: all points, in space",
+    )
+    tilt: Literal["mount", "recorded", "tracked"] = Field(
+        "mount",
+        description="of the camera; recorded: from poses in the recording, as for one held in the hand; tracked: so for"
+        " its first image (the mount's where no pose is recorded), from there on by odometry on clouds",
     )
     bottom_m: float = Field(_SCAN.bottom_m, gt=0, description="obstacles stand above this height over the floor")
     top_m: float = Field(_SCAN.top_m, gt=0, description="and below this one")
@@ -120,6 +129,12 @@ class DepthSection(_Section):
     def _is_a_band(self) -> Self:
         if self.bottom_m >= self.top_m:
             raise ValueError(f"bottom_m {self.bottom_m} is not below top_m {self.top_m}")
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_tracked(self) -> Self:
+        if self.tilt == "tracked" and self.odometry != "cloud":
+            raise ValueError("tilt: tracked needs odometry: cloud, as only that knows how the camera turns in space")
         return self
 
 
@@ -196,21 +211,22 @@ class Config(_Section):
     slam: SlamSection = SlamSection()
     grid: GridSection = GridSection()
 
-    def mapping_settings(self) -> MappingSettings:
-        """Return what mapping needs of this."""
+    def mapping_settings(self, *, tracked: bool = False) -> MappingSettings:
+        """Return what mapping needs of this; tracked: the poses come from elsewhere and are taken as they are."""
+        matches = self.odometry.source == "kiss" and not tracked
         odometry = self.odometry.model_dump(exclude={"source", "use_wheel_odometry", "wheel_wait_s"})
         return MappingSettings(
             resolution_m=self.grid.resolution_m,
             odometry=OdometrySettings(**odometry),
             keyframes=KeyframeSettings(distance_m=self.slam.keyframe_distance_m, turn_rad=self.slam.keyframe_turn_rad),
             graph=GraphSettings(
-                loop_closure=self.slam.loop_closure and self.odometry.source != "recorded",
+                loop_closure=self.slam.loop_closure and self.odometry.source != "recorded" and not tracked,
                 delay=self.slam.delay_keyframes,
-                refine_on_the_way=self.slam.refine and self.odometry.source == "kiss",
+                refine_on_the_way=self.slam.refine and matches,
             ),
             lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m", "live_s"})),
-            use_wheel_odometry=self.odometry.use_wheel_odometry or self.odometry.source != "kiss",
-            wheels_only=self.odometry.source != "kiss",
+            use_wheel_odometry=self.odometry.use_wheel_odometry or not matches,
+            wheels_only=not matches,
             wheel_wait_s=self.odometry.wheel_wait_s,
             scan_every=self.slam.scan_every,
         )
@@ -297,11 +313,7 @@ def load(path: Path | None) -> Config:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
     except (YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path}: not YAML: {yaml_fault(error)}") from error
-    config = parse({} if values is None else values, str(path))
-    camera_info = config.depth.camera_info
-    if camera_info is not None and not Path(camera_info).is_file():
-        raise ConfigError(f"{path}: depth.camera_info: no file {camera_info}")
-    return config
+    return parse({} if values is None else values, str(path))
 
 
 def _known_keys(path: list[str]) -> list[str]:

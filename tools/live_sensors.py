@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,11 +15,12 @@ from drivers.d435_emulated_firmware import is_emulated_camera
 from drivers.depth_camera import DepthCamera, DepthMode, open_depth_camera
 from drivers.depth_discovery import find_depth_nodes
 from drivers.messages import LidarStream, Transform
+from drivers.reconnecting_camera import ReconnectingCamera
+from drivers.reconnecting_lidar import ReconnectingLidar, ReconnectPolicy
 from drivers.rotations import quaternion
 from drivers.rplidar import Rplidar, open_rplidar
 from drivers.rplidar_models import is_emulated
 from drivers.rplidar_motor import MotorControl
-from drivers.rplidar_resuming import ResumePolicy, ResumingLidar
 from drivers.serial_names import stable_path
 from drivers.system_calls import LinuxSystemCalls, SystemCalls
 from mapping.frames import planar_transform
@@ -36,9 +38,9 @@ AUTO = "auto"
 class LiveSensors:
     """What was started; places: where the sensors sit, as the static transforms that run and replay start from."""
 
-    lidar: ResumingLidar | None
+    lidar: ReconnectingLidar | None
     stream: LidarStream | None
-    camera: DepthCamera | None
+    camera: ReconnectingCamera | None
     places: tuple[Transform, ...]
 
     def close(self) -> None:
@@ -79,6 +81,7 @@ class LiveSensors:
                 "mode": f"{info.mode.width}x{info.mode.height} at {info.mode.fps} Hz",
                 "calibration": info.calibration.source.value,
                 **{field.name: getattr(counters, field.name) for field in fields(counters)},
+                "losses": self.camera.losses,
             }
         return summary
 
@@ -92,7 +95,10 @@ def started_sensors(
     Raises DriverError. The camera streams once it is iterated.
     """
     with ExitStack() as opened:
-        camera = None if camera_port is None else opened.enter_context(open_camera(camera_port, config, clock))
+        patience_s = config.depth.regain_s if lidar_port is None else math.inf
+        camera = None
+        if camera_port is not None:
+            camera = opened.enter_context(open_camera(camera_port, config, clock, patience_s=patience_s))
         lidar, stream = None, None
         if lidar_port is not None:
             lidar = opened.enter_context(open_lidar(lidar_port, config, clock))
@@ -104,7 +110,7 @@ def started_sensors(
         yield LiveSensors(lidar, stream, camera, tuple(places))
 
 
-def open_lidar(port: str, config: Config, clock: RunClock) -> ResumingLidar:
+def open_lidar(port: str, config: Config, clock: RunClock) -> ReconnectingLidar:
     """Open the lidar, which is waited for and opened again when it is lost on the way. Raises DriverError."""
     section = config.lidar
     path = stable_path(port)
@@ -116,27 +122,28 @@ def open_lidar(port: str, config: Config, clock: RunClock) -> ResumingLidar:
         baud = lidar.baud  # so that it is not searched once more after a loss
         return lidar
 
-    return ResumingLidar(open_again, ResumePolicy(section.reconnect_s), clock=clock, tell=log.warning)
+    return ReconnectingLidar(open_again, ReconnectPolicy(section.regain_s), clock=clock, tell=log.warning)
 
 
-def open_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
-    """Open the camera that the command line names: auto, a node or an emulated one. Raises DriverError."""
+def open_camera(port: str, config: Config, clock: RunClock, *, patience_s: float = 0.0) -> ReconnectingCamera:
+    """Open the camera that the command line names: auto, a node or an emulated one. Raises DriverError.
+
+    patience_s: how long it is looked for when it is lost later.
+    """
     section = config.depth
     mode = DepthMode(section.width, section.height, section.fps)
-    calls: SystemCalls
-    if port.startswith(EMULATED):
-        emulator = emulated_camera(port, (section.width, section.height), config.camera_mount())
-        calls, path = emulator, emulator.path
-    else:
-        calls = LinuxSystemCalls()
-        path = find_depth_nodes(calls).choose().path if port == AUTO else port
-    camera = open_depth_camera(
-        path,
-        mode,
-        camera_info=None if section.camera_info is None else Path(section.camera_info),
-        wall_offset_ns=clock.offset_ns,
-        calls=calls,
-    )
+    calls, find_path = _camera_system(port, config)
+
+    def open_once() -> DepthCamera:
+        return open_depth_camera(
+            find_path(),
+            mode,
+            camera_info=None if section.camera_info is None else Path(section.camera_info),
+            wall_offset_ns=clock.offset_ns,
+            calls=calls,
+        )
+
+    camera = ReconnectingCamera(open_once, patience_s=patience_s)
     log.info(
         "%s at %s%s: %dx%d at %d Hz, intrinsics from %s",
         camera.info.card,
@@ -150,7 +157,16 @@ def open_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
     return camera
 
 
-def is_simulated_camera(camera: DepthCamera) -> bool:
+def _camera_system(port: str, config: Config) -> tuple[SystemCalls, Callable[[], str]]:
+    """Return whom the driver asks, and what finds the node: it may have another number each time it is plugged in."""
+    if port.startswith(EMULATED):
+        emulator = emulated_camera(port, (config.depth.width, config.depth.height), config.camera_mount())
+        return emulator, lambda: emulator.path
+    calls = LinuxSystemCalls()
+    return calls, lambda: find_depth_nodes(calls).choose().path if port == AUTO else port
+
+
+def is_simulated_camera(camera: DepthCamera | ReconnectingCamera) -> bool:
     """Whether the camera is an emulated one."""
     return camera.info.version is not None and is_emulated_camera(camera.info.version.serial)
 

@@ -12,8 +12,7 @@ from drivers.recording_reader import Recording
 from mapping.graph_state import GraphState
 from mapping.slam import MappedScan
 from tools.config import Config, parse
-from tools.depth_flow import scan_mount
-from tools.depth_replay import DepthReplay
+from tools.depth_replay import DepthReplay, error_lines
 from tools.localisation import Localisation
 from tools.pipeline import LidarDecoding, MappingFlow, Setup, look_ahead
 from tools.result_folder import MAPPED, new_results
@@ -61,7 +60,7 @@ def replay_recording(
     decoding = LidarDecoding()
     flow = MappingFlow(
         config,
-        setup.mount if has_lidar else scan_mount(setup.camera),
+        setup.mount if has_lidar else camera.mount,
         sweep_reversed=setup.sweep.is_reversed,
         resume=resume,
         depth=camera.flow,
@@ -88,6 +87,7 @@ def replay_recording(
     _refuse_unmapped(recording, flow, last)
     for problem in recording.problems:
         on_progress(f"damaged recording: {problem}")
+    error = camera.trajectory_error(flow.mapper.trajectory)
     folder = new_results(output, MAPPED)
     report = save_results(
         folder,
@@ -98,12 +98,12 @@ def replay_recording(
             "problems": recording.problems,
             "skipped_types": recording.skipped,
             **(_lidar_details(recording, config, setup, decoding) if has_lidar else {}),
-            **camera.details(),
+            **camera.details(error),
             **({} if localisation is None else {"localisation": localisation.save(folder)}),
         },
         save_state=save_state,
     )
-    for line in remarks(report):
+    for line in [*error_lines(error), *remarks(report)]:
         on_progress(line)
     on_progress(closing_line(report, folder, time.monotonic() - started))
     return report

@@ -22,11 +22,11 @@ from drivers.errors import DeviceLostError, MotorStalledError
 from drivers.faulty_line import FaultyLine
 from drivers.messages import LidarStream, RawChunk
 from drivers.pty_port import PtyPort
+from drivers.reconnecting_lidar import ReconnectingLidar, ReconnectPolicy
 from drivers.rplidar import Rplidar, connect, open_rplidar
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import A2M8
 from drivers.rplidar_protocol import express_request
-from drivers.rplidar_resuming import ResumePolicy, ResumingLidar
 from drivers.scan_reader import ScanReader
 from drivers.serial_link import SerialLink, open_serial
 
@@ -86,8 +86,8 @@ def test_silence_is_noticed_within_a_second(script: str, error: type[Exception])
 def test_a_sensor_that_is_plugged_in_again_goes_on_behind_the_same_path(tmp_path: Path) -> None:
     link = tmp_path / "lidar"
     device, port = serve(link=link)
-    policy = ResumePolicy(give_up_s=10.0, first_wait_s=0.1)
-    with port, ResumingLidar(lambda: open_rplidar(str(link)), policy, clock=time.monotonic_ns) as lidar:
+    policy = ReconnectPolicy(give_up_s=10.0, first_wait_s=0.1)
+    with port, ReconnectingLidar(lambda: open_rplidar(str(link)), policy, clock=time.monotonic_ns) as lidar:
         lidar.start("Boost")
         messages = iter(lidar)
         first = list(itertools.islice(messages, 20))

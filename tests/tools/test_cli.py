@@ -100,7 +100,7 @@ def test_sigterm_ends_a_recording_cleanly(spawn, cli, tmp_path):
 def test_lidar_lost_during_the_run_leaves_everything_saved(spawn, tmp_path):
     emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
     port = str(emulator.event("ready")["address"])
-    (tmp_path / "car.yaml").write_text("lidar: {reconnect_s: 1}")
+    (tmp_path / "car.yaml").write_text("lidar: {regain_s: 1}")
     live = spawn("run", "--lidar", port, "--config", tmp_path / "car.yaml", "-o", tmp_path / "live")
     emulator.event("departed")
     time.sleep(1.5)

@@ -82,15 +82,6 @@ def test_configuration_cannot_be_changed():
         grid.resolution_m = 1.0
 
 
-def test_a_camera_info_that_is_not_there_is_refused(tmp_path):
-    file = tmp_path / "config.yaml"
-    file.write_text(f"depth:\n  camera_info: {tmp_path / 'none.yaml'}\n")
-    with pytest.raises(ConfigError, match=r"camera_info: no file .*none\.yaml"):
-        load(file)
-    (tmp_path / "none.yaml").write_text("")
-    assert load(file).depth.camera_info is not None
-
-
 @pytest.mark.parametrize(("text", "says"), [("depth:\n  mount: [1, 2]\n", "x_m, y_m"), ("grid: [1\n", "line 2")])
 def test_what_is_wrong_is_said_in_the_words_of_the_file(tmp_path, text, says):
     file = tmp_path / "config.yaml"

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -84,3 +86,28 @@ def test_either_base_frame_serves_where_odometry_names_the_other():
     mount, source = resolve_mount(transforms, Config(), "base_footprint", "laser")
     assert mount.pose[2] == pytest.approx(3.0)
     assert "tf_static" in source
+
+
+def test_what_hides_the_car_does_not_get_into_the_map():
+    angles = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+    post = np.where(np.abs(np.abs(angles) - np.pi) < 0.3, 0.5, 2.0)  # the car's own mast, behind the laser
+    turn = LaserScan(0, angles, post, np.zeros(720), 0.1, 12.0)
+    hidden = [{"from_rad": 2.7, "to_rad": -2.7, "nearer_than_m": 0.6}]
+    occupied = []
+    for settings in ({}, {"lidar": {"hidden": hidden}}):
+        flow = MappingFlow(parse(settings, "test"), CONFIG_MOUNT)
+        for number in range(5):
+            flow.feed(replace(turn, stamp_ns=number * 100_000_000))
+        flow.finish()
+        grid = flow.maps()["map"]
+        rows, cols = np.nonzero(grid.occupied)
+        away_m = np.hypot(
+            *(
+                np.stack([cols, rows]) * grid.resolution_m
+                + np.asarray(grid.origin)[:2, None]
+                - CONFIG_MOUNT.pose[:2, None]
+            )
+        )
+        occupied.append(int((away_m < 1.0).sum()))
+    assert occupied[0] > 3
+    assert occupied[1] == 0

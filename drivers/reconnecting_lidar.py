@@ -14,7 +14,7 @@ from drivers.sources import Closing
 
 
 @dataclass(frozen=True, slots=True)
-class ResumePolicy:
+class ReconnectPolicy:
     """How long to try after a loss, 0 for not at all, and how long to wait before the first and between later tries."""
 
     give_up_s: float = 10.0
@@ -22,7 +22,7 @@ class ResumePolicy:
     longest_wait_s: float = 2.0
 
 
-class ResumingLidar(Closing):
+class ReconnectingLidar(Closing):
     """Iterates like an Rplidar; after a loss the new stream's LidarStream comes first, then its chunks.
 
     open_lidar: opens the sensor; name a path that stays the same, see drivers.serial_names.stable_path. clock: ns.
@@ -33,7 +33,7 @@ class ResumingLidar(Closing):
     def __init__(
         self,
         open_lidar: Callable[[], Rplidar],
-        policy: ResumePolicy,
+        policy: ReconnectPolicy,
         *,
         clock: Callable[[], int],
         wait: Callable[[float], bool] | None = None,
@@ -63,13 +63,17 @@ class ResumingLidar(Closing):
         return stream
 
     def __iter__(self) -> Iterator[Message]:
-        """The stream's description and chunks until request_stop(); raises what ended it if that does not pass."""
+        """The stream's description and chunks until request_stop(); raises what ended it if that does not pass in time.
+
+        Also if the sensor is still lost when a stop is requested.
+        """
         while True:
             try:
                 yield from self._lidar
             except (DeviceLostError, MotorStalledError) as error:
-                if self._stop.is_set() or not self._regain(error):
+                if self._stop.is_set():
                     return
+                self._regain(error)
             else:
                 return
 
@@ -83,8 +87,8 @@ class ResumingLidar(Closing):
         self.request_stop()
         self._lidar.close()
 
-    def _regain(self, loss: DriverError) -> bool:
-        """Open the sensor again and start it; False if asked to stop meanwhile. Raises when time is up."""
+    def _regain(self, loss: DriverError) -> None:
+        """Open the sensor again and start it; raise when time is up or a stop is requested before."""
         policy, serial = self._policy, self._lidar.info().serial
         self._lidar.close()
         if policy.give_up_s <= 0:
@@ -104,8 +108,8 @@ class ResumingLidar(Closing):
                 wait_s = min(2.0 * wait_s, policy.longest_wait_s)
             else:
                 self._tell(f"the lidar is back after {(self._clock() - lost_ns) * 1e-9:.1f} s, in mode {self._mode}")
-                return True
-        return False
+                return
+        raise loss
 
     def _reopen(self, serial: str) -> None:
         lidar = self._open_lidar()

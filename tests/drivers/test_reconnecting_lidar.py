@@ -12,10 +12,10 @@ from drivers.emulated_faults import FaultScript, parse_script
 from drivers.emulated_link import EmulatedLink, SimulatedClock
 from drivers.errors import DeviceLostError, MotorStalledError, PortMissingError, WrongDeviceError
 from drivers.messages import LidarStream, Message
+from drivers.reconnecting_lidar import ReconnectingLidar, ReconnectPolicy
 from drivers.rplidar import Rplidar, connect
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import A2M8
-from drivers.rplidar_resuming import ResumePolicy, ResumingLidar
 
 S = 1_000_000_000
 
@@ -57,9 +57,9 @@ class Socket:
         self.clock.sleep(seconds)
         return False
 
-    def resuming(self, give_up_s: float = 10.0) -> ResumingLidar:
-        return ResumingLidar(
-            self.open, ResumePolicy(give_up_s), clock=self.clock, wait=self.wait, tell=self.told.append
+    def resuming(self, give_up_s: float = 10.0) -> ReconnectingLidar:
+        return ReconnectingLidar(
+            self.open, ReconnectPolicy(give_up_s), clock=self.clock, wait=self.wait, tell=self.told.append
         )
 
 
@@ -150,4 +150,5 @@ def test_it_stops_while_it_waits() -> None:
         socket.pull(60.0)
         stops = iter([False, False, True])
         lidar._wait = lambda _seconds: next(stops)
-        assert list(messages) == []
+        with pytest.raises(DeviceLostError, match="unplugged"):
+            list(messages)
