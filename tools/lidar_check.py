@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from drivers.errors import DriverError
+from drivers.errors import DriverError, PortBusyError, PortMissingError, PortPermissionError
 from drivers.messages import LaserScan, RawChunk
 from drivers.rplidar import Rplidar, open_rplidar
 from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
@@ -24,6 +24,7 @@ from tools.config import Config
 SPEEDS_HZ = (5.0, 15.0)  # of an A2, by its data sheet
 _SAME_RATE = 0.05
 _LEAST_VALID = 0.2
+_ABOUT = {PortMissingError: "port", PortBusyError: "port", PortPermissionError: "group"}
 
 
 class State(str, Enum):
@@ -90,6 +91,7 @@ def check_lidar(port: str, config: Config, seconds: float, stop: threading.Event
             what = "scan"
             findings += _judge(_measure(lidar, config, seconds, stop), config)
     except DriverError as error:
+        what = _ABOUT.get(type(error), what)
         text, _, advice = str(error).removeprefix(f"{port}: ").rpartition(": ")
         findings.append(Finding(what, State.FAIL, text or str(error), advice if text else ""))
     return LidarCheck(port, simulated, tuple(findings))

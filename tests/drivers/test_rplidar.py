@@ -6,10 +6,19 @@ import gc
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from drivers.emulated_faults import FaultScript, parse_script
 from drivers.emulated_link import EmulatedLink, SimulatedClock
-from drivers.errors import DeviceFaultError, DeviceLostError, MotorStalledError, SilentPortError, WrongBaudError
+from drivers.errors import (
+    DeviceFaultError,
+    DeviceLostError,
+    DriverError,
+    MotorStalledError,
+    SilentPortError,
+    WrongBaudError,
+)
 from drivers.faulty_line import FaultyLine
 from drivers.messages import LaserScan, LidarStream, RawChunk
 from drivers.rplidar import Rplidar, connect
@@ -356,3 +365,24 @@ def test_firmware_that_does_not_list_its_modes_falls_back_without_asking() -> No
             stream = lidar.start()
             assert (stream.mode, stream.sample_us) == ("Express", 250.0)
             assert bench.collect(lidar, 1.0)[0]
+
+
+FAULTS = st.sampled_from(
+    ["flip=0.01", "drop=0.01", "chunk=5", "latency=0.03", "stall@1+0.3", "stall@1+2", "silence@1+0.2", "silence@1+2", "motor-stall@1+1", "health=error:5", "health=error:5:stays", "health=error:9@1", "slow=0.3", "slow=0.8", "mute=GET_INFO", "mute=GET_LIDAR_CONF", "mute=SCAN", "mute=GET_HEALTH", "mute=EXPRESS_SCAN", "mute=SET_PWM", "banner@1", "reboot@1", "invalid=1", "drift=0.4:1"]
+)
+
+
+@settings(max_examples=25)
+@given(st.lists(FAULTS, min_size=1, max_size=3, unique=True), st.booleans(), st.sampled_from(list(MotorControl)))
+def test_whatever_goes_wrong_ends_in_scans_or_in_one_clear_line(faults: list[str], board: bool, motor) -> None:
+    bench = Bench(script=FaultScript(parse_script("\n".join(faults))), board=board)
+    said = ""
+    try:
+        with bench.connect(motor=motor) as lidar:
+            lidar.start()
+            bench.collect(lidar, 2.5)
+    except DriverError as error:
+        said = str(error)
+    assert said == "" or (len(said) > 30 and "\n" not in said)
+    assert bench.links[-1].closed
+    assert bench.clock() < 5e9 + 45e9

@@ -4,6 +4,8 @@ import struct
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from drivers.emulated_faults import FaultScript, parse_script
 from drivers.emulated_link import EmulatedLink, SimulatedClock
@@ -240,3 +242,19 @@ def test_power_up_ends_the_scan_and_prints_the_banner() -> None:
     device.power_up(S)
     assert device.due(2 * S).startswith(b"RP LIDAR System.")
     assert device.due(3 * S) == b""
+
+
+KNOWN = st.sampled_from([request(Command.SCAN), express_request(3), request(Command.RESET), pwm_request(0), b"\xa5"])
+
+
+@given(st.lists(st.tuples(st.one_of(st.binary(max_size=12), KNOWN), st.integers(0, S // 2)), max_size=20))
+def test_whatever_a_host_sends_the_next_sound_question_is_answered(sent: list[tuple[bytes, int]]) -> None:
+    device, now = emulator(startup_s=0.0), 0
+    for data, passed in sent:
+        now += passed
+        device.receive(data, now)
+        device.due(now)
+    now += S
+    device.due(now)
+    assert device.receive(request(Command.GET_INFO), now)[7:].endswith(A2M8.serial)
+    assert device.due(now + S) == b""

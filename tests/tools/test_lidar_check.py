@@ -11,6 +11,7 @@ from drivers.faulty_line import FaultyLine
 from drivers.pty_port import PtyPort
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import A2M4, A2M8
+from drivers.serial_link import open_serial
 from tools.config import parse
 from tools.lidar_check import LidarCheck, State, check_lidar
 
@@ -85,8 +86,17 @@ def test_a_mode_that_is_not_there() -> None:
 
 def test_a_port_that_is_missing(tmp_path: Path) -> None:
     found = check_lidar(str(tmp_path / "none"), parse({}, "test"), 1.0, threading.Event())
-    assert [(finding.what, finding.state) for finding in found.findings] == [("baud", State.FAIL)]
+    assert [(finding.what, finding.state) for finding in found.findings] == [("port", State.FAIL)]
     assert "no such port" in found.findings[0].text
+
+
+def test_a_port_that_another_program_holds() -> None:
+    device = RplidarEmulator(A2M8, wall)
+    with PtyPort(device, A2M8.baud) as port, open_serial(port.name, A2M8.baud):
+        found = check_lidar(port.name, parse({}, "test"), 1.0, threading.Event())
+    assert found.findings[-1].state == State.FAIL
+    assert "another process holds this port" in of(found, "port") + found.findings[-1].text
+    assert "fuser" in found.findings[-1].advice
 
 
 def test_doctor_prints_a_line_each_and_takes_its_code_from_the_worst(cli, tmp_path: Path) -> None:
