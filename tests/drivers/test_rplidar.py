@@ -368,7 +368,32 @@ def test_firmware_that_does_not_list_its_modes_falls_back_without_asking() -> No
 
 
 FAULTS = st.sampled_from(
-    ["flip=0.01", "drop=0.01", "chunk=5", "latency=0.03", "stall@1+0.3", "stall@1+2", "silence@1+0.2", "silence@1+2", "motor-stall@1+1", "health=error:5", "health=error:5:stays", "health=error:9@1", "slow=0.3", "slow=0.8", "mute=GET_INFO", "mute=GET_LIDAR_CONF", "mute=SCAN", "mute=GET_HEALTH", "mute=EXPRESS_SCAN", "mute=SET_PWM", "banner@1", "reboot@1", "invalid=1", "drift=0.4:1"]
+    [
+        "flip=0.01",
+        "drop=0.01",
+        "chunk=5",
+        "latency=0.03",
+        "stall@1+0.3",
+        "stall@1+2",
+        "silence@1+0.2",
+        "silence@1+2",
+        "motor-stall@1+1",
+        "health=error:5",
+        "health=error:5:stays",
+        "health=error:9@1",
+        "slow=0.3",
+        "slow=0.8",
+        "mute=GET_INFO",
+        "mute=GET_LIDAR_CONF",
+        "mute=SCAN",
+        "mute=GET_HEALTH",
+        "mute=EXPRESS_SCAN",
+        "mute=SET_PWM",
+        "banner@1",
+        "reboot@1",
+        "invalid=1",
+        "drift=0.4:1",
+    ]
 )
 
 
