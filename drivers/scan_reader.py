@@ -97,8 +97,7 @@ class ScanReader(Closing):
             self._fault = error
 
     def _note(self, scan: LaserScan) -> None:
-        kept = self._stamps_ns[-_SPEED_TURNS:] if scan.complete else []
-        self._stamps_ns = [*kept, scan.stamp_ns]  # the turn after an incomplete one begins where that ended
+        self._stamps_ns = [*self._stamps_ns[-_SPEED_TURNS:], scan.stamp_ns] if scan.complete else []
         self._scans.put(scan)
 
 

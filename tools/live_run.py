@@ -100,9 +100,10 @@ class SensorThread:
         return turn_rate_hz([*self._turns_ns])
 
     def _note_turn(self, scan: LaserScan) -> None:
-        if not scan.complete:
-            self._turns_ns.clear()
-        self._turns_ns.append(scan.stamp_ns)
+        if scan.complete:
+            self._turns_ns.append(scan.stamp_ns)
+        else:
+            self._turns_ns.clear()  # it lasted less than a turn, or nobody knows how long
 
     def _read(self) -> None:
         try:

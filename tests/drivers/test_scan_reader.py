@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -44,6 +45,19 @@ class Finite:
         self.stopped.set()
 
 
+class Slow:
+    """The same with a moment between its messages, so that a consumer can keep up."""
+
+    def __init__(self, lidar: Finite) -> None:
+        self.lidar = lidar
+        self.request_stop = lidar.request_stop
+
+    def __iter__(self) -> Iterator[Message]:
+        for message in self.lidar:
+            time.sleep(0.02)
+            yield message
+
+
 def test_every_scan_in_order_then_the_error() -> None:
     with ScanReader(Finite(200, DeviceLostError("port: gone")), queue_scans=1000) as reader:
         stamps = []
@@ -69,6 +83,18 @@ def test_a_slow_consumer_gets_the_newest_and_the_others_are_counted() -> None:
         assert reader.latest(0.05) is None
         assert reader.dropped == dropped >= 20
         assert reader.speed_hz == pytest.approx(10.0, rel=0.01)
+
+
+def test_the_speed_is_that_of_whole_turns_from_the_first_on() -> None:
+    speeds = []
+    with ScanReader(Slow(Finite(120)), queue_scans=1000) as reader:
+        for _ in range(10):
+            assert reader.latest(5.0) is not None
+            speeds.append(reader.speed_hz)
+    assert speeds[0] is None
+    measured = [speed for speed in speeds if speed is not None]
+    assert len(measured) > 3
+    assert measured == pytest.approx([10.0] * len(measured), rel=0.02)
 
 
 def test_closing_ends_the_iteration_and_may_be_done_twice() -> None:
