@@ -21,7 +21,7 @@ from tools.errors import ToolError
 _PROGRAM = f"import sys; sys.path.insert(0, {str(Path(__file__).resolve().parent.parent)!r})"
 _ENTRY = f"{_PROGRAM}; from tools.cli import main; main()"
 _POLL_S = 0.1
-_PATIENCE_S = 60.0  # for each step of starting up, and for saving
+_PATIENCE_S = 300.0  # for each step of starting up, and for saving: a small computer compiles what is compiled first
 _GRACE_S = 20.0
 Stopped = Callable[[], bool]
 
