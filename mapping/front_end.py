@@ -70,6 +70,11 @@ class KeyframeSettings:
     lost_s: float = 3.0
     lost_scans: int = 10
 
+    def tied_deviations(self, moved: FloatArray) -> tuple[float, float]:
+        """Return the standard deviations in m and rad with which wheels tell a motion (3,) of a narrow view."""
+        way_m = float(np.hypot(moved[0], moved[1]))
+        return self.guess_m + self.tied_share * way_m, self.tied_rad + self.tied_turn_share * abs(float(moved[2]))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KeyframeLink:
@@ -281,7 +286,7 @@ class FrontEnd:
         self._is_doubtful |= match.doubtful or not match.accepted
         self._all_by_wheels &= from_wheels
         lost = not match.accepted and self._is_lost(stamp_ns, points)
-        link = self._link(number, match.pose) if match.accepted or lost else None
+        link = self._link(number, match.pose, is_tied=tied is not None) if match.accepted or lost else None
         if link is None:
             self.keyframes.remove_last()
         else:
@@ -365,10 +370,7 @@ class FrontEnd:
         """
         limits = self._settings.keyframes
         assert self._last is not None
-        ahead, aside, turn = se2.between(self._last[1], guess).tolist()
-        deviation_m = limits.guess_m + limits.tied_share * float(np.hypot(ahead, aside))
-        deviation_rad = limits.tied_rad + limits.tied_turn_share * abs(turn)
-        pose = self._pulled(number, guess, guess, (deviation_m, deviation_rad))
+        pose = self._pulled(number, guess, guess, limits.tied_deviations(se2.between(self._last[1], guess)))
         place = self._in_chain(pose)
         agreed = agreement_with(self.keyframes.snapshot(), number, place, self._recent(place))
         if agreed.hits < self._settings.doubt.weak_share * (agreed.hits + agreed.conflicts):
@@ -380,12 +382,10 @@ class FrontEnd:
 
         deviations: standard deviations of the guess in m and rad.
         """
-        deviation_m, deviation_rad = deviations
-        prior = np.diag([deviation_m**-2.0, deviation_m**-2.0, deviation_rad**-2.0])
         place = self._in_chain(start)
         found = match_groups(
-            self.keyframes.snapshot(), single(number), self._recent(place), place, (0.2, 0.1, 0.1), prior=prior,
-            expected=self._in_chain(guess),
+            self.keyframes.snapshot(), single(number), self._recent(place), place, (0.2, 0.1, 0.1),
+            prior=_information(*deviations), expected=self._in_chain(guess),
         )  # fmt: skip
         return se2.compose(self._keyframe_odom, se2.between(self._chain[-1], found.pose))
 
@@ -408,22 +408,22 @@ class FrontEnd:
         self._motion.restart()
         return True
 
-    def _link(self, number: int, pose: FloatArray) -> KeyframeLink | None:
-        """Return the link of a new keyframe at an odom pose (3,); None where none is due."""
+    def _link(self, number: int, pose: FloatArray, *, is_tied: bool) -> KeyframeLink | None:
+        """Return the link of a new keyframe at an odom pose (3,), tied to the wheels or not; None where none is due."""
         limits = self._settings.keyframes
         if len(self._chain) == self._segment_start:
             return KeyframeLink(number, se2.IDENTITY, np.zeros((3, 3)), connected=False)
         moved = se2.between(self._keyframe_odom, pose)
         if np.hypot(moved[0], moved[1]) < limits.distance_m and abs(moved[2]) < limits.turn_rad:
             return None
-        prior = np.diag([limits.prior_m**-2.0, limits.prior_m**-2.0, limits.prior_rad**-2.0])
+        prior = _information(*(limits.tied_deviations(moved) if is_tied else (limits.prior_m, limits.prior_rad)))
         if self._settings.wheels_only:
             return KeyframeLink(number, moved, prior, connected=True)
         near = self._recent(self._in_chain(pose))
         base = self._chain[-1]
         fixed = Group(near.keyframes, se2.between(base, near.poses))
         match = match_groups(self.keyframes.snapshot(), single(number), fixed, moved, (0.3, 0.2, 0.1), prior=prior)
-        known = prior if self._all_by_wheels else np.diag([limits.alone_m**-2.0] * 2 + [limits.alone_rad**-2.0])
+        known = prior if self._all_by_wheels else _information(limits.alone_m, limits.alone_rad)
         information = match.information_with(known)
         return KeyframeLink(
             number, match.pose, information, connected=True, doubtful=self._is_doubtful and not self._all_by_wheels
@@ -442,6 +442,11 @@ class FrontEnd:
         near = distance <= self._settings.keyframes.reach_m
         near[-1] = True
         return Group(numbers[near], poses[near])
+
+
+def _information(deviation_m: float, deviation_rad: float) -> FloatArray:
+    """Return the information (3, 3) of x, y and yaw that are known with standard deviations in m and rad."""
+    return np.diag([deviation_m**-2.0, deviation_m**-2.0, deviation_rad**-2.0])
 
 
 def _end_ns(scan: LaserScan) -> int:

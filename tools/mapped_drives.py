@@ -27,7 +27,7 @@ from tools.solid_world import SolidWorld
 
 FloatArray = NDArray[np.float64]
 
-_SAMPLES, _LIDAR_HZ, _LIDAR_RANGE_M = 800, 10.0, 12.0  # an RPLIDAR A2M8 in express mode
+_SAMPLES, _LIDAR_HZ, _LIDAR_RANGE_M = 400, 10.0, 12.0  # an RPLIDAR A2 in its standard mode
 
 
 @dataclass(frozen=True, slots=True)

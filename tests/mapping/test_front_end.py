@@ -259,13 +259,13 @@ def test_a_corridor_does_not_slide_with_wheels(corridor) -> None:
 
 
 def narrow(scans: Iterable[LaserScan]) -> list[LaserScan]:
-    """What a sensor sees that looks 43 deg to either side, up to 4 m."""
+    """What a sensor sees that looks 43 deg to either side."""
     kept = []
     for scan in scans:
         ahead = np.abs(se2.wrap_angle(scan.angles_rad)) < np.radians(43.0)
         arrays = (scan.angles_rad[ahead], scan.ranges_m[ahead], np.zeros(int(ahead.sum())))
         middle_ns = scan.stamp_ns + round(float(np.median(scan.offsets_s[ahead])) * 1e9)
-        kept.append(LaserScan(middle_ns, *arrays, scan.range_min_m, 4.0))
+        kept.append(LaserScan(middle_ns, *arrays, scan.range_min_m, scan.range_max_m))
     return kept
 
 
