@@ -109,7 +109,7 @@ def camera_messages(
         sway_rad=setup.sway_rad,
         seed=seed,
     )
-    stamps = np.arange(0, int(truth.stamps_ns[-1]), round(1e9 / setup.hz), dtype=np.int64)
+    stamps = np.arange(int(truth.stamps_ns[0]), int(truth.stamps_ns[-1]), round(1e9 / setup.hz), dtype=np.int64)
     images = (camera.frame(stamp, number) for number, stamp in enumerate(stamps.tolist()))
     wheels: Iterable[DepthImage | Odometry] = () if setup.wheels is None else wheel_odometry(truth, setup.wheels, seed)
     yield from heapq.merge(wheels, images, key=lambda message: message.stamp_ns)

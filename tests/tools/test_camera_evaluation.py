@@ -10,13 +10,14 @@ import cv2
 import pytest
 
 from tools.camera_evaluation import outcome_of, summary_of, table_of
+from tools.results import Report
 
-TRUE = {
+TRUE: Report = {
     "true": True, "accepted": True, "rms_m": 0.05, "rotation_deg": 0.3, "camera_rms_m": 0.04, "lidar_seed": 3,
     "camera_seed": 3, "probability": 0.99, "agreeing_wall_m": 40.0, "contradicting_wall_m": 1.0, "drives_rms_m": 0.03,
-    "common_free": 0.8, "common_wall_m": 38.0,
+    "common_free": 0.8, "common_wall_m": 38.0, "drives_rotation_deg": 0.2,
 }  # fmt: skip
-WRONG = TRUE | {"true": False, "accepted": False, "rms_m": None, "rotation_deg": None, "camera_seed": 4}
+WRONG: Report = TRUE | {"true": False, "accepted": False, "rms_m": None, "rotation_deg": None, "camera_seed": 4}
 
 
 @pytest.mark.parametrize(
@@ -47,6 +48,7 @@ def test_counts_and_table():
     rows = [row | {"outcome": outcome_of(row)} for row in rows]
     summary = summary_of(rows)
     assert (summary["true_pairs"], summary["fused"], summary["fused_off"]) == (4, 1, 1)
+    assert summary["fused_by_drives"] == 2  # the one that is off is right but for the camera's own start
     assert (summary["refused"], summary["refused_right_pose"]) == (2, 1)
     assert (summary["wrong_pairs"], summary["wrong_accepted"]) == (2, 1)
     assert summary["fused_rms_m_median"] == 0.05
