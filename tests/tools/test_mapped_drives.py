@@ -33,7 +33,8 @@ def share_on_walls(mapped, world, z_m, reach_m):
     """Share of the map's occupied cells that have a wall of the world's cut within reach at the true pose."""
     plan = world.cut(z_m)
     reach = round(reach_m / plan.resolution_m)
-    near = np.lib.stride_tricks.sliding_window_view(np.pad(plan.occupied, reach), (2 * reach + 1,) * 2).any(axis=(2, 3))
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(plan.occupied, reach), (2 * reach + 1,) * 2)
+    near = np.asarray(windows.any(axis=(2, 3)))
     points = se2.transform_points(mapped.T_world_map, mapped.grid.cell_centers(*np.nonzero(mapped.grid.occupied)))
     cells = np.floor((points - plan.origin[:2]) / plan.resolution_m).astype(int)
     return near[cells[:, 1], cells[:, 0]].mean()
