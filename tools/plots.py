@@ -56,7 +56,7 @@ def draw_mission(file: Path, picture: MissionPicture) -> None:
     Raises ToolError without matplotlib.
     """
     plt = pyplot()
-    figure, (local, fused, camera) = plt.subplots(1, 3, figsize=(25, 8.5), layout="constrained")
+    figure, (local, fused, camera) = plt.subplots(1, 3, figsize=(22, 8), layout="constrained")
     fused.sharex(local)
     fused.sharey(local)
     _draw_placed(local, picture.local)
@@ -83,7 +83,7 @@ def _draw_placed(axes: Any, maps: PlacedMaps) -> None:
 
 def _legend_below(axes: Any) -> None:
     """Add the legend under the axes: a map may fill all of them."""
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, frameon=False)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=1, frameon=False)
 
 
 def overlay(maps: PlacedMaps) -> tuple[FloatArray, Raster]:
