@@ -13,7 +13,7 @@ from fusion.consensus import Consensus, find_consensus
 from fusion.errors import FusionError
 from fusion.features import KAZE_SIFT, FeatureMethod, detect_features
 from fusion.free_space import UNKNOWN, free_layer, rescale
-from fusion.identity import reference_rank
+from fusion.identity import precedes
 from fusion.matching import match_descriptors
 from fusion.verification import AcceptanceRule, compare, objection
 from mapping import se2
@@ -81,7 +81,7 @@ def register_by_features(
     Maps that cannot be aligned at all are refused with a reason, as are poses that fail the verification.
     """
     register = _register_at_best_alpha if settings.alpha is None else _register
-    if reference_rank(b) < reference_rank(a):
+    if precedes(b, a):
         return register(b, a, settings, seed, ("second", "first")).inverse()
     return register(a, b, settings, seed, ("first", "second"))
 

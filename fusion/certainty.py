@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.identity import reference_rank, same_evidence
+from fusion.identity import precedes, same_evidence
 from fusion.resampling import cut_to_known, known_corners, raster_around, resample
 from mapping import se2
 from mapping.grid import LOG_ODDS_CLAMP, LogOdds, OccupancyGrid
@@ -39,7 +39,7 @@ def fuse_pair(a: OccupancyGrid, b: OccupancyGrid, T_a_b: FloatArray) -> FusedMap
     The global frame is that of the map with more known area, the resolution the finer of the two, the origin on whole
     cells: the order of the two maps changes nothing. The same map twice is one evidence and counts once.
     """
-    swapped = reference_rank(b) < reference_rank(a)
+    swapped = precedes(b, a)
     first, second, T_first_second = (b, a, se2.inverse(T_a_b)) if swapped else (a, b, np.asarray(T_a_b, np.float64))
     once = same_evidence(a, b)
     corners = [known_corners(first)]

@@ -37,7 +37,15 @@ def content_corner(grid: OccupancyGrid) -> NDArray[np.float64]:
 def same_evidence(a: OccupancyGrid, b: OccupancyGrid) -> bool:
     """Tell whether two maps are one: two runs never agree in every cell, if the cells are many."""
     enough = min(np.count_nonzero(a.known), np.count_nonzero(b.known)) >= _LEAST_CELLS
-    return bool(enough) and content_hash(a) == content_hash(b)
+    if not enough or a.resolution_m != b.resolution_m:
+        return False
+    return np.array_equal(_content(a)[0], _content(b)[0])
+
+
+def precedes(a: OccupancyGrid, b: OccupancyGrid) -> bool:
+    """Tell whether map a is the reference of the two, as `reference_rank` orders them; hashes only if it must."""
+    areas = known_area_m2(a), known_area_m2(b)
+    return areas[0] > areas[1] if areas[0] != areas[1] else content_hash(a) < content_hash(b)
 
 
 def reference_rank(grid: OccupancyGrid) -> tuple[float, str]:
@@ -48,9 +56,10 @@ def reference_rank(grid: OccupancyGrid) -> tuple[float, str]:
 def _content(grid: OccupancyGrid) -> tuple[NDArray[np.int8], tuple[int, int]]:
     """Return the classes 1 free, -1 occupied, 0 neither within the box around both, and the box's first row, column."""
     free, occupied = grid.free, grid.occupied
-    rows, cols = np.nonzero(free | occupied)
+    either = free | occupied
+    rows, cols = np.flatnonzero(either.any(axis=1)), np.flatnonzero(either.any(axis=0))
     if len(rows) == 0:
         return np.zeros((0, 0), np.int8), (0, 0)
-    first = int(rows.min()), int(cols.min())
-    box = np.s_[first[0] : rows.max() + 1, first[1] : cols.max() + 1]
+    first = int(rows[0]), int(cols[0])
+    box = np.s_[first[0] : rows[-1] + 1, first[1] : cols[-1] + 1]
     return free[box].astype(np.int8) - occupied[box].astype(np.int8), first

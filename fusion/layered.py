@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fusion.alignment import Alignment, Alternative
 from fusion.evidence import Evidence, different_places, judged_places
 from fusion.hypotheses import Pool
-from fusion.identity import reference_rank
+from fusion.identity import precedes
 from fusion.ranking import Ranking, probabilities, shipped_ranking
 from fusion.settling import UncertaintyModel, settle
 from fusion.survey import FREE_BELOW, SurveyedMap, survey
@@ -34,23 +34,26 @@ _SLIDE_STEP_M, _SLIDE_STEPS, _SLIDE_KEEPS = 0.25, 80, 0.7
 class LayeredSettings:
     """What a pose must reach to be believed.
 
-    accept: probability from which a pose is believed; accept_long: the same where both maps show long_wall_m or more in
-    one place, which is more than the walls of one room: no two rooms of one size can be taken for each other.
-    least_wall_m: of wall that both maps must show in one place; least_weak_m: of it, how much must hold the pose in its
-    weakest direction. ambiguous: share of the best one's probability, if that is at least `likely`, at which another
-    place makes it a toss. listed: alternatives are named from this probability on, and at most most_listed. twin_hits,
+    accept: probability from which a pose is believed; accept_clear: the same where both maps show long_wall_m or more
+    in one place, which is more than the walls of one room, or where no other place has as much of it and their areas
+    agree to clear_areas, an acceptance index: two rooms of one size, the commonest mistake, differ in what stands in
+    them and lies around them. least_wall_m: of wall that both maps must show in one place; least_weak_m: of it, how
+    much must hold the pose in its weakest direction. ambiguous: if the best place's probability is at least `likely`,
+    another place makes it a toss whose own is over one half, or which has more than this share of the two, of which one
+    alone can be right. listed: alternatives are named from this probability on, and at most most_listed. twin_hits,
     twin_conflicts: a pose of at least the probability `listed` that is not believed is ambiguous if it and another
     place each have at most this share of contradicting wall, and the other at least this share of the best one's
     agreeing wall.
     """
 
     accept: float = 0.95
-    accept_long: float = 0.9
+    accept_clear: float = 0.9
     long_wall_m: float = 20.0
+    clear_areas: float = 0.97
     least_wall_m: float = 3.0
     least_weak_m: float = 0.5
     likely: float = 0.15
-    ambiguous: float = 0.3
+    ambiguous: float = 0.05
     listed: float = 0.05
     most_listed: int = 4
     twin_hits: float = 0.85
@@ -90,7 +93,7 @@ def register_layers(
     for grid, name in ((a, "first"), (b, "second")):
         if not (grid.log_odds < FREE_BELOW).any():
             return Alignment(None, False, f"the {name} map has no cell that is free with p(free) > 0.65")
-    if reference_rank(b) < reference_rank(a):
+    if precedes(b, a):
         return _register(b, a, rule, weights, seed, ("second", "first")).inverse()
     return _register(a, b, rule, weights, seed, ("first", "second"))
 
@@ -142,7 +145,7 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
         return replace(found, accepted=False, reason=reason)
     rival = _strongest_rival(weighed)
     best_p = float(weighed.probability[best])
-    if rival is not None and best_p >= rule.likely and weighed.probability[rival] > rule.ambiguous * best_p:
+    if rival is not None and best_p >= rule.likely and _rivals(best_p, float(weighed.probability[rival]), rule):
         return _toss(found, weighed, rival, rule, ranking)
     # Corners and furniture hold a pose in every direction, half a metre for each metre.
     weak_m = min(float(each.weak[best] + 0.5 * each.rough[best]) for each in (evidence.b_on_a, evidence.a_on_b))
@@ -152,17 +155,26 @@ def _verdict(weighed: Weighed, rule: LayeredSettings, ranking: Ranking) -> Align
         reason = f"{slides}only {weak_m:.1f} m of wall hold its weakest direction, {rule.least_weak_m:g} m are needed"
         direction += float(a.walls.T_map_grid[2])
         return replace(found, accepted=False, reason=reason, slide=(direction, reach_m))
-    needed = rule.accept_long if wall_m >= rule.long_wall_m else rule.accept
+    needed = rule.accept_clear if wall_m >= rule.long_wall_m else rule.accept
     if probability >= needed:
         return found
     twin = _twin(weighed, rule) if hopeful else None
     if twin is not None:
         return _toss(found, weighed, twin, rule, ranking)
+    needed = rule.accept_clear if found.acceptance >= rule.clear_areas else needed
+    if probability >= needed:
+        return found
     reason = (
         f"not sure enough: probability {probability:.2f}, {needed:g} is needed ({wall_m:.0f} m of wall agree, "
         f"{conflict_m:.1f} m contradict, acceptance index {found.acceptance:.3f})"
     )
     return replace(found, accepted=False, reason=reason)
+
+
+def _rivals(best: float, other: float, rule: LayeredSettings) -> bool:
+    """Tell whether two places of such probabilities, each by itself, leave open which of them is right."""
+    one, two = best * (1.0 - other), other * (1.0 - best)
+    return other > 0.5 or two > rule.ambiguous * (one + two)
 
 
 def _toss(found: Alignment, weighed: Weighed, rival: int, rule: LayeredSettings, ranking: Ranking) -> Alignment:
@@ -242,12 +254,12 @@ def _alternatives(
         if different[n, listed].all():
             listed.append(n)
     best = float(weighed.probability[weighed.best])
+    likely = [ranking.calibrated(float(weighed.probability[n]) * (1.0 - best)) for n in listed[1:]]
+    # The places exclude each other: all together they are no more probable than that the best one is wrong.
+    share = min(1.0, (1.0 - ranking.calibrated(weighed.score)) / max(sum(likely), 1e-9))
     return tuple(
-        Alternative(
-            _in_map_frames(weighed.a, weighed.b, weighed.pool.poses[n]),
-            ranking.calibrated(float(weighed.probability[n]) * (1.0 - best)),
-        )
-        for n in listed[1:]
+        Alternative(_in_map_frames(weighed.a, weighed.b, weighed.pool.poses[n]), share * each)
+        for n, each in zip(listed[1:], likely, strict=True)
     )
 
 

@@ -35,10 +35,11 @@ def known_corners(grid: OccupancyGrid) -> FloatArray:
 
     (0, 2) where nothing is known.
     """
-    rows, cols = np.nonzero(grid.known)
+    known = grid.known
+    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
     if len(rows) == 0:
         return np.empty((0, 2))
-    x0, x1, y0, y1 = cols.min(), cols.max() + 1, rows.min(), rows.max() + 1
+    x0, x1, y0, y1 = cols[0], cols[-1] + 1, rows[0], rows[-1] + 1
     corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=np.float64)
     return se2.transform_points(grid.origin, corners * grid.resolution_m)
 

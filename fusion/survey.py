@@ -49,19 +49,19 @@ def survey(grid: OccupancyGrid) -> SurveyedMap:
     """Prepare a map; it may lack walls or free space, which the fields then tell."""
     walls = _bounded(wall_map(cut_to_known(grid), free_below=FREE_BELOW))
     outline = outline_of(walls)
-    rows, cols = np.nonzero(walls.states != UNKNOWN)
-    stride = max(1, len(rows) // _CELLS)
-    chosen = np.arange(stride // 2, len(rows), stride)
+    known = np.flatnonzero(walls.states != UNKNOWN)
+    stride = max(1, len(known) // _CELLS)
+    rows, cols = np.divmod(known[stride // 2 :: stride], walls.states.shape[1])
     area_m2 = walls.resolution_m**2
     return SurveyedMap(
         surface_of(walls, outline),
         probe_of(outline, _PROBE_POINTS),
         probe_of(outline, _ROUGH_POINTS),
-        np.asarray((np.column_stack([cols[chosen], rows[chosen]]) + 0.5) * walls.resolution_m, dtype=np.float64),
-        walls.states[rows[chosen], cols[chosen]],
-        area_m2 * len(rows) / max(len(chosen), 1),
+        np.asarray((np.column_stack([cols, rows]) + 0.5) * walls.resolution_m, dtype=np.float64),
+        walls.states[rows, cols],
+        area_m2 * len(known) / max(len(rows), 1),
         float(np.count_nonzero(walls.states == FREE)) * area_m2,
-        len(rows) * area_m2,
+        len(known) * area_m2,
         float(outline.lengths.sum()),
     )
 

@@ -134,8 +134,12 @@ def _pooled(mask: NDArray[np.bool_], factor: float) -> Layer:
 def _peaks(surface: Layer, count: int) -> list[tuple[float, int, int]]:
     """Return score, row and column of the highest cells that are not next to each other; the surface is used up."""
     found = []
+    highest = surface.max(axis=1)
     for _ in range(count):
-        row, col = divmod(int(np.argmax(surface)), surface.shape[1])
+        row = int(np.argmax(highest))
+        col = int(np.argmax(surface[row]))
         found.append((float(surface[row, col]), row, col))
-        surface[max(0, row - _CLEARED) : row + _CLEARED + 1, max(0, col - _CLEARED) : col + _CLEARED + 1] = -np.inf
+        near = np.s_[max(0, row - _CLEARED) : row + _CLEARED + 1]
+        surface[near, max(0, col - _CLEARED) : col + _CLEARED + 1] = -np.inf
+        highest[near] = surface[near].max(axis=1)
     return found

@@ -36,7 +36,7 @@ class Outline:
 
 def outline_of(walls: WallMap) -> Outline:
     """Return the wall cells that have a free neighbour: the inside of a thick wall, which nothing saw, is dropped."""
-    rows, cols = np.nonzero(_outline_cells(walls.states))
+    rows, cols = np.divmod(np.flatnonzero(_outline_cells(walls.states)), walls.states.shape[1])
     points = (np.column_stack([cols, rows]) + 0.5) * walls.resolution_m
     normals, straight = _directions(walls.states, rows, cols, walls.resolution_m)
     steepest = np.maximum(np.abs(normals[:, 0]), np.abs(normals[:, 1]))

@@ -47,9 +47,10 @@ def distances_to(walls: NDArray[np.bool_], resolution_m: float) -> Distances:
         return np.full(walls.shape, FAR_M, np.float32)
     cells = cv2.distanceTransform((~walls).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # OpenCV's roots differ in the last bit from call to call; their squares are whole numbers, so they can be mended.
-    near = np.minimum(cells, np.float32(FAR_M / resolution_m + 1.0))
-    exact = np.sqrt(np.rint(np.square(near)))
-    return np.asarray(np.minimum(exact * np.float32(resolution_m), np.float32(FAR_M)))
+    np.minimum(cells, np.float32(FAR_M / resolution_m + 1.0), out=cells)
+    np.sqrt(np.rint(np.square(cells, out=cells), out=cells), out=cells)
+    cells *= np.float32(resolution_m)
+    return np.asarray(np.minimum(cells, np.float32(FAR_M), out=cells), dtype=np.float32)
 
 
 def middles(mask: NDArray[np.bool_], resolution_m: float) -> FloatArray:

@@ -14,9 +14,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.wording import fault_in
 from fusion.evaluation import error_at_points
 from fusion.evidence import TRENDS, different_places, judged_places
-from fusion.identity import reference_rank
+from fusion.identity import precedes
 from fusion.survey import survey
 from mapping import se2
 from tools.errors import ToolError
@@ -76,7 +77,7 @@ def pools_of(
 def pool_of(key: str, pair: MapPair, seed: int) -> HypothesisPool:
     """Return the hypotheses of a pair as the registration makes them, each judged by the pair's truth."""
     a, b = load_grids(pair)
-    exchanged = reference_rank(b) < reference_rank(a)
+    exchanged = precedes(b, a)
     first, second = (survey(grid) for grid in ((b, a) if exchanged else (a, b)))
     buildings, true = (pair.building_a, pair.building_b), pair.truth is not None
     if any(each.free_m2 == 0.0 or each.wall_m == 0.0 for each in (first, second)):
@@ -116,7 +117,7 @@ def read_pools(path: Path, seed: int) -> dict[str, HypothesisPool]:
                 for key, building, true, features, right, square, size in parts
             }
     except (OSError, EOFError, ValueError, KeyError) as error:
-        raise ToolError(f"{path}: no cache of pools ({error!r}): delete it, or name another") from error
+        raise ToolError(f"{path}: no cache of pools ({fault_in(error)}): delete it, or name another") from error
 
 
 def write_pools(path: Path, pools: Sequence[HypothesisPool], seed: int) -> None:

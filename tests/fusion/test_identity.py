@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.identity import content_hash, reference_rank, same_evidence
+from fusion.identity import content_hash, precedes, reference_rank, same_evidence
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map, write_map
 
@@ -30,3 +30,12 @@ def test_two_runs_are_two_maps(view):
 
 def test_the_larger_map_is_the_reference(view):
     assert reference_rank(view(0.0, 20.0, np.zeros(3), 1)) < reference_rank(view(0.0, 12.0, np.zeros(3), 1))
+
+
+def test_the_reference_does_not_depend_on_the_order_of_two_maps(view):
+    large, small = view(0.0, 20.0, np.zeros(3), 1), view(0.0, 12.0, np.zeros(3), 1)
+    assert precedes(large, small)
+    assert not precedes(small, large)
+    turned = OccupancyGrid(large.log_odds[::-1], large.resolution_m, large.origin)  # as much known area, other cells
+    assert precedes(large, turned) != precedes(turned, large)
+    assert precedes(large, turned) == (reference_rank(large) < reference_rank(turned))

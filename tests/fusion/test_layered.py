@@ -65,6 +65,24 @@ def test_two_views_of_a_building_are_joined_below_a_cell(view, resolution_m):
     assert found.overlap == pytest.approx(0.6, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("settings", "accepted"),
+    [
+        (LayeredSettings(accept=1.1, accept_clear=1.1), False),
+        (LayeredSettings(accept=1.1, long_wall_m=1e3, clear_areas=1.1), False),
+        (LayeredSettings(accept=1.1, long_wall_m=1e3), True),
+        (LayeredSettings(accept=1.1, clear_areas=1.1), True),
+    ],
+    ids=["never", "little wall and areas that contradict", "areas agree", "much wall"],
+)
+def test_much_wall_or_areas_that_agree_lower_what_a_pose_must_reach(view, settings, accepted):
+    found = register_layers(view(0.0, 20.0, np.zeros(3), 1), view(8.0, 30.0, FRAME, 2), settings)
+    assert found.common_wall_m is not None
+    assert found.common_wall_m >= LayeredSettings().long_wall_m
+    assert found.acceptance >= LayeredSettings().clear_areas
+    assert found.accepted is accepted, found.reason
+
+
 def test_exchanging_the_maps_gives_the_inverse_and_the_same_verdict(view):
     a, b = view(0.0, 20.0, np.zeros(3), 1), view(8.0, 30.0, FRAME, 2)
     there, back = register_layers(a, b), register_layers(b, a)
@@ -113,6 +131,8 @@ def test_a_symmetric_floor_is_ambiguous_and_both_places_are_listed(building):
     assert "ambiguous" in found.reason
     turns = [abs(np.degrees(se2.wrap_angle(pose_of(found)[2] - each.T_a_b[2]))) for each in found.alternatives]
     assert any(abs(turn - 180.0) < 2.0 for turn in turns)
+    assert found.probability is not None
+    assert found.probability + sum(each.probability for each in found.alternatives) <= 1.0 + 1e-9
 
 
 def test_too_little_common_wall_is_refused_with_that_reason(view):
