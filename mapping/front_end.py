@@ -4,6 +4,9 @@ kiss-icp matches each scan to the local map from a guess by wheel odometry or co
 on becomes a keyframe and is refined point to line on its predecessors. A match that contradicts what the last keyframes
 saw is weak: then a wide correlative search looks for the robot around the guess, and where that fails for long,
 tracking is lost and a new segment begins, whose place in the map is unknown until a loop closure tells.
+
+A sensor that sees little of the circle, as a depth camera does, is tied to its wheels: in each turn walls come into its
+view that no local map has, and point to point they are drawn onto those that it has.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from drivers.messages import LaserScan, Odometry
 from mapping import se2
 from mapping.deskew import deskew, reference_offset_s
 from mapping.keyframes import KeyframeStore
-from mapping.match_doubt import DoubtSettings, JudgedMatch, is_surprising, judge, rescue
+from mapping.match_doubt import DoubtSettings, JudgedMatch, agreement_with, is_surprising, judge, rescue
 from mapping.motion import ConstantVelocity
 from mapping.mount import Mount
 from mapping.odometry import LidarOdometry, OdometrySettings, ScanMatch
@@ -43,8 +46,9 @@ class KeyframeSettings:
     the scan match with prior_m and prior_rad (standard deviations). Without wheels the graph is told that what the
     walls leave open is known to alone_m and alone_rad. A scan with less than open_share of its walls across the others
     is held by its guess, with guess_m and guess_share of the way since the last scan, and guess_rad: that keeps a
-    corridor from sliding; without wheels the robot may have changed its speed by acceleration, in m/s^2. After lost_s
-    and lost_scans without a match tracking is lost.
+    corridor from sliding; without wheels the robot may have changed its speed by acceleration, in m/s^2. A narrow view
+    is tied to the wheels by tied_share of the way and tied_turn_share of the turn since the last scan, and at the least
+    guess_m and tied_rad. After lost_s and lost_scans without a match tracking is lost.
     """
 
     distance_m: float = 0.25
@@ -60,8 +64,16 @@ class KeyframeSettings:
     guess_share: float = 0.1
     guess_rad: float = 0.05
     acceleration: float = 1.0
+    tied_share: float = 0.05
+    tied_turn_share: float = 0.05
+    tied_rad: float = 0.003
     lost_s: float = 3.0
     lost_scans: int = 10
+
+    def tied_deviations(self, moved: FloatArray) -> tuple[float, float]:
+        """Return the standard deviations in m and rad with which wheels tell a motion (3,) of a narrow view."""
+        way_m = float(np.hypot(moved[0], moved[1]))
+        return self.guess_m + self.tied_share * way_m, self.tied_rad + self.tied_turn_share * abs(float(moved[2]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,6 +209,9 @@ class FrontEnd:
         if self._settings.wheels_only:
             known = from_wheels or self._last is None
             match = ScanMatch(guess, se2.IDENTITY, accepted=known, reason="" if known else "no wheel odometry")
+        elif from_wheels and _seen_sectors(scan) < _LEAST_SECTORS and len(points) >= self._settings.odometry.min_points:
+            match = ScanMatch(guess, se2.IDENTITY, accepted=True)
+            return [self._enter(stamp_ns, match, guess, points, from_wheels=True, is_narrow=True)]
         else:
             again = self._last is not None and bool(offsets.any())  # the match itself tells the motion within the turn
             match = self._odometry.match(points, guess, rough=again)
@@ -247,11 +262,23 @@ class FrontEnd:
         return self._motion.predict(previous, stamp_ns), self._motion.twist, False
 
     def _enter(
-        self, stamp_ns: int, match: ScanMatch, guess: FloatArray, points: FloatArray, *, from_wheels: bool
+        self,
+        stamp_ns: int,
+        match: ScanMatch,
+        guess: FloatArray,
+        points: FloatArray,
+        *,
+        from_wheels: bool,
+        is_narrow: bool = False,
     ) -> TrackedScan:
         """Doubt the match, make a keyframe where one is due, and let the local map learn."""
         number = self.keyframes.add(surface_of(points, self.mount.pose[:2]))
-        if not self._settings.wheels_only and len(self._chain) > self._segment_start:
+        tied = self._tied(number, guess) if is_narrow and len(self._chain) > self._segment_start else None
+        if tied is not None:
+            match = tied
+        elif not self._settings.wheels_only and len(self._chain) > self._segment_start:
+            if is_narrow:
+                match = self._odometry.match(points, guess)
             match = self._doubted(number, match, guess, points, stamp_ns, from_wheels=from_wheels)
             if match.accepted and not match.doubtful:
                 match = self._held(number, match, guess, stamp_ns, from_wheels=from_wheels)
@@ -259,7 +286,7 @@ class FrontEnd:
         self._is_doubtful |= match.doubtful or not match.accepted
         self._all_by_wheels &= from_wheels
         lost = not match.accepted and self._is_lost(stamp_ns, points)
-        link = self._link(number, match.pose) if match.accepted or lost else None
+        link = self._link(number, match.pose, is_tied=tied is not None) if match.accepted or lost else None
         if link is None:
             self.keyframes.remove_last()
         else:
@@ -333,14 +360,34 @@ class FrontEnd:
         deviation_m = limits.guess_m + limits.guess_share * float(np.hypot(moved[0], moved[1]))
         if not from_wheels:
             deviation_m += 0.5 * limits.acceleration * self._motion.interval_s(stamp_ns) ** 2
-        prior = np.diag([deviation_m**-2.0, deviation_m**-2.0, limits.guess_rad**-2.0])
-        place = self._in_chain(match.pose)
-        found = match_groups(
-            clouds, single(number), self._recent(place), place, (0.2, 0.1, 0.1), prior=prior,
-            expected=self._in_chain(guess),
-        )  # fmt: skip
-        pose = se2.compose(self._keyframe_odom, se2.between(self._chain[-1], found.pose))
+        pose = self._pulled(number, match.pose, guess, (deviation_m, limits.guess_rad))
         return replace(match, pose=pose, correction=se2.between(guess, pose))
+
+    def _tied(self, number: int, guess: FloatArray) -> ScanMatch | None:
+        """Return the match of a narrow view near the wheels' guess (3,); None where that contradicts what was seen.
+
+        How much of the view was seen before does not count: in a turn it is little.
+        """
+        limits = self._settings.keyframes
+        assert self._last is not None
+        pose = self._pulled(number, guess, guess, limits.tied_deviations(se2.between(self._last[1], guess)))
+        place = self._in_chain(pose)
+        agreed = agreement_with(self.keyframes.snapshot(), number, place, self._recent(place))
+        if agreed.hits < self._settings.doubt.weak_share * (agreed.hits + agreed.conflicts):
+            return None
+        return ScanMatch(pose, se2.between(guess, pose), accepted=True)
+
+    def _pulled(self, number: int, start: FloatArray, guess: FloatArray, deviations: tuple[float, float]) -> FloatArray:
+        """Return the odom pose (3,) near start (3,) to which the walls pull a scan, held by a guess (3,).
+
+        deviations: standard deviations of the guess in m and rad.
+        """
+        place = self._in_chain(start)
+        found = match_groups(
+            self.keyframes.snapshot(), single(number), self._recent(place), place, (0.2, 0.1, 0.1),
+            prior=_information(*deviations), expected=self._in_chain(guess),
+        )  # fmt: skip
+        return se2.compose(self._keyframe_odom, se2.between(self._chain[-1], found.pose))
 
     def _other_guess(self, stamp_ns: int, *, from_wheels: bool) -> FloatArray:
         """Return another kind of guess (3,): wheels that stall mislead, a velocity does once the robot brakes."""
@@ -361,22 +408,22 @@ class FrontEnd:
         self._motion.restart()
         return True
 
-    def _link(self, number: int, pose: FloatArray) -> KeyframeLink | None:
-        """Return the link of a new keyframe at an odom pose (3,); None where none is due."""
+    def _link(self, number: int, pose: FloatArray, *, is_tied: bool) -> KeyframeLink | None:
+        """Return the link of a new keyframe at an odom pose (3,), tied to the wheels or not; None where none is due."""
         limits = self._settings.keyframes
         if len(self._chain) == self._segment_start:
             return KeyframeLink(number, se2.IDENTITY, np.zeros((3, 3)), connected=False)
         moved = se2.between(self._keyframe_odom, pose)
         if np.hypot(moved[0], moved[1]) < limits.distance_m and abs(moved[2]) < limits.turn_rad:
             return None
-        prior = np.diag([limits.prior_m**-2.0, limits.prior_m**-2.0, limits.prior_rad**-2.0])
+        prior = _information(*(limits.tied_deviations(moved) if is_tied else (limits.prior_m, limits.prior_rad)))
         if self._settings.wheels_only:
             return KeyframeLink(number, moved, prior, connected=True)
         near = self._recent(self._in_chain(pose))
         base = self._chain[-1]
         fixed = Group(near.keyframes, se2.between(base, near.poses))
         match = match_groups(self.keyframes.snapshot(), single(number), fixed, moved, (0.3, 0.2, 0.1), prior=prior)
-        known = prior if self._all_by_wheels else np.diag([limits.alone_m**-2.0] * 2 + [limits.alone_rad**-2.0])
+        known = prior if self._all_by_wheels else _information(limits.alone_m, limits.alone_rad)
         information = match.information_with(known)
         return KeyframeLink(
             number, match.pose, information, connected=True, doubtful=self._is_doubtful and not self._all_by_wheels
@@ -395,6 +442,11 @@ class FrontEnd:
         near = distance <= self._settings.keyframes.reach_m
         near[-1] = True
         return Group(numbers[near], poses[near])
+
+
+def _information(deviation_m: float, deviation_rad: float) -> FloatArray:
+    """Return the information (3, 3) of x, y and yaw that are known with standard deviations in m and rad."""
+    return np.diag([deviation_m**-2.0, deviation_m**-2.0, deviation_rad**-2.0])
 
 
 def _end_ns(scan: LaserScan) -> int:

@@ -24,6 +24,7 @@ FloatArray = NDArray[np.float64]
 
 _FINEST_BIN_M = 0.02
 _FLOOR_BIN_M = 0.25
+_WHOLE_SIGMAS = 2.0
 _FLOOR_GAP_M = 0.3  # holes of this length in the floor are the sensor's
 _FLOOR_ROWS = 1.5  # and so many rows of the image may miss where rows lie far apart
 
@@ -135,6 +136,7 @@ def scan_points(
     ends = floor_ends(floor, _FLOOR_BIN_M, _FLOOR_GAP_M, row_gap)
     free_to = _free_up_to(ranges, ends, row_gap)
     per_depth = np.hypot(1.0, tangents)  # range for a depth of 1
+    ranges = np.where(_is_whole(ranges / per_depth, camera, settings), ranges, 0.0)
     known = np.where(ranges > 0.0, ranges, free_to)
     return VirtualScan(
         stamp_ns,
@@ -177,6 +179,16 @@ def _matched_from(camera: Pinhole, tangents: FloatArray, settings: ScanSettings)
     """Return the depth (N,) from which on both imagers see all of a beam: nearer, the right one's image has ended."""
     first_column = camera.cx - camera.fx * tangents - 0.5 * (settings.pixels_per_beam - 1)
     return np.asarray(camera.fx * settings.noise.baseline_m / np.maximum(first_column, 0.1))
+
+
+def _is_whole(depths_m: FloatArray, camera: Pinhole, settings: ScanSettings) -> NDArray[np.bool_]:
+    """Return for obstacles at depths (N,) whether all of their noise is within reach.
+
+    Of a wall near or beyond the last depth that is kept only the nearest measurements are: it seems to stand there,
+    wherever it is, and a car that is located by it seems to stand still.
+    """
+    sigma = settings.noise.sigma_m(depths_m, camera.fx)
+    return np.asarray(depths_m + _WHOLE_SIGMAS * sigma <= settings.thinning.farthest_m)
 
 
 def _free_up_to(ranges_m: FloatArray, floor_to_m: FloatArray, row_gap: float) -> FloatArray:

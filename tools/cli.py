@@ -27,6 +27,7 @@ from tools.commands import (
     doctor,
     emulate,
     evaluate,
+    evaluate_camera,
     evaluate_features,
     evaluate_plans,
     evaluate_rates,
@@ -75,6 +76,7 @@ bench.app.command("fusion")(bench_fusion.fusion)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
+evaluate.app.command("camera")(evaluate_camera.camera)
 evaluate.app.command("features")(evaluate_features.features)
 evaluate.app.command("plans")(evaluate_plans.plans)
 evaluate.app.command("robustness")(evaluate_robustness.robustness)

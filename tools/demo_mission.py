@@ -1,4 +1,4 @@
-"""The demo: two emulated cars are mapped live, their maps fused, a path planned on the result, all scored."""
+"""The demo: two emulated cars are mapped live, their maps fused, and a third car's camera map; a path; all scored."""
 
 from __future__ import annotations
 
@@ -7,12 +7,15 @@ import logging
 import shutil
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapping import se2
 from mapping.map_io import read_map
 from mapping.trajectory import read_tum
+from tools.demo_camera import camera_line, fuse_with_camera, map_with_camera
 from tools.demo_cars import CarFiles, DemoCar, Stopped, drive_live, run_command
 from tools.demo_scores import MappedCar, read_car, score_alignment, score_car, score_common
 from tools.errors import ToolError
@@ -20,6 +23,10 @@ from tools.exit_codes import ExitCode
 from tools.results import Report
 from tools.signals import stop_on_signals
 
+if TYPE_CHECKING:
+    from tools.plots import PlacedMaps
+
+FloatArray = NDArray[np.float64]
 log = logging.getLogger(__name__)
 CARS = (DemoCar("A", "A2M8", "wings-west", 0.04), DemoCar("B", "A2M12", "wings-east", 0.05, motor_pwm=792))
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
@@ -49,7 +56,7 @@ def exit_code_of(report: Report) -> ExitCode:
     """Return OK, or PARTIAL where the maps were not fused; raises ToolError for a replay that differs or no path."""
     if not all(car["identical"] for car in report["cars"]):
         raise ToolError("a replay differs from its live run, though no scan was dropped: please report this")
-    if not report["alignment"]["accepted"]:
+    if not (report["alignment"]["accepted"] and report["camera"]["accepted"]):
         return ExitCode.PARTIAL
     if not report["plan"]["solved"]:
         raise ToolError(f"no path from car A's start to car B's was found: {report['plan']['error']}")
@@ -57,19 +64,23 @@ def exit_code_of(report: Report) -> ExitCode:
 
 
 def _mission(folder: Path, files: list[CarFiles], seed: int, stopped: Stopped) -> Report:
-    log.info("1/5  two emulated cars with RPLIDARs set out (simulated data)")
+    log.info("1/6  two emulated cars with RPLIDARs set out (simulated data)")
     emitted = drive_live(list(zip(CARS, files, strict=True)), seed, stopped, log.info)
-    log.info("2/5  both recordings are replayed")
+    log.info("2/6  both recordings are replayed")
     for each in files:
         run_command(stopped, "-q", "replay", str(each.live / "recording.mcap"), "-o", str(each.replay))
-    log.info("3/5  their maps are fused, without a hint where they are: mapfuse-robot fuse")
+    log.info("3/6  their maps are fused, without a hint where they are: mapfuse-robot fuse")
     maps = [str(each.live / "map.npz") for each in files]
     arguments = ["fuse", *maps, "-o", str(folder / "fused"), "--seed", str(seed)]
     run_command(stopped, *arguments, allowed=(ExitCode.OK, ExitCode.PARTIAL))
     fused: Report = json.loads((folder / "fused/report.json").read_text(encoding="utf-8"))
-    log.info("4/5  a path from where car A started to where car B started: mapfuse-robot plan")
+    log.info(
+        "4/6  a third car with a depth camera and wheels; its map is fused with car A's (simulated, not in real time)"
+    )
+    camera = map_with_camera(folder / "car_c", seed, stopped)
+    log.info("5/6  a path from where car A started to where car B started: mapfuse-robot plan")
     planned = _plan(folder, files, fused, seed, stopped)
-    log.info("5/5  all is scored against the simulator's truth")
+    log.info("6/6  all is scored against the simulator's truth")
     mapped = [read_car(car, each) for car, each in zip(CARS, files, strict=True)]
     a, b = mapped
     report: Report = {
@@ -78,9 +89,10 @@ def _mission(folder: Path, files: list[CarFiles], seed: int, stopped: Stopped) -
         "cars": [score_car(each, result, count) for each, result, count in zip(mapped, files, emitted, strict=True)],
         "common": score_common(a, b),
         "alignment": score_alignment(a, b, fused["pairs"][0]),
+        "camera": fuse_with_camera(folder / "car_c", a, files[0].live / "map.npz", camera, seed, stopped),
         "plan": {key: planned[key] for key in ("solved", "error", "length_m", "seconds", "min_clearance_m")},
     }
-    _draw(folder, mapped, fused, planned, report)
+    _draw(folder, mapped, camera, fused, planned, report)
     return report
 
 
@@ -108,7 +120,9 @@ def _plan(folder: Path, files: list[CarFiles], fused: Report, seed: int, stopped
     return planned
 
 
-def _draw(folder: Path, mapped: list[MappedCar], fused: Report, planned: Report, report: Report) -> None:
+def _draw(
+    folder: Path, mapped: list[MappedCar], camera: MappedCar, fused: Report, planned: Report, report: Report
+) -> None:
     from tools.plots import MissionPicture, draw_mission
 
     together = fused["maps"][0]["group"] == fused["maps"][1]["group"]
@@ -118,16 +132,29 @@ def _draw(folder: Path, mapped: list[MappedCar], fused: Report, planned: Report,
     if together:
         title = f"fused with an error of {scored['rms_m'] * 100:.1f} cm and {scored['rotation_deg']:.2f} deg"
     title += f"; common: {_common(report)}"
+    T_lidar_camera = np.array(report["camera"]["T_lidar_camera"] or np.zeros(3))
     picture = MissionPicture(
-        names=tuple(f"car {each.car.name} ({each.car.model}, {each.car.resolution_m:g} m)" for each in mapped),
-        grids=tuple(each.grid for each in mapped),
-        trajectories=tuple(each.trajectory.poses for each in mapped),
-        T_global_map=tuple(poses),
+        local=_placed(mapped, poses, "two local maps in the global frame"),
         fused=read_map(folder / "fused/global_0.npz"),
         path=np.array(planned["path"]).reshape(-1, 3),
+        camera=_placed(
+            [mapped[0], camera], [np.zeros(3), T_lidar_camera], f"camera map {camera_line(report['camera'])}"
+        ),
         title=f"Simulated: {title}",
     )
     draw_mission(folder / "demo.png", picture)
+
+
+def _placed(cars: list[MappedCar], poses: list[FloatArray], title: str) -> PlacedMaps:
+    from tools.plots import PlacedMaps
+
+    return PlacedMaps(
+        names=tuple(f"car {each.car.name} ({each.car.model}, {each.car.resolution_m:g} m)" for each in cars),
+        grids=tuple(each.grid for each in cars),
+        trajectories=tuple(each.trajectory.poses for each in cars),
+        T_global_map=tuple(poses),
+        title=title,
+    )
 
 
 def table(folder: Path, report: Report) -> str:
@@ -151,6 +178,9 @@ def table(folder: Path, report: Report) -> str:
         "" if scored["rms_m"] is None else f", error {scored['rms_m'] * 100:.1f} cm, {scored['rotation_deg']:.2f} deg"
     )
     rows.append(("alignment", f"{verdict} in {scored['seconds']:.1f} s{error}"))
+    seen = report["camera"]
+    rows.append(("camera map", camera_line(seen)))
+    rows.append(("", f"car C, {seen['driven_m']:.1f} m, trajectory error {seen['trajectory_rms_m'] * 100:.1f} cm rms"))
     path = f"none: {planned['error']}"
     if planned["solved"]:
         path = f"{planned['length_m']:.1f} m, found in {planned['seconds']:.2f} s"

@@ -1,7 +1,7 @@
 """A simulated depth camera on a car: the true depth of a world with heights, and the frames that a D435 makes of it.
 
-What is modelled: walls, furniture with tops, floor and ceiling, any turn of the camera, the noise of depth_noise. What
-is not: motion during the exposure, glass and mirrors, people, slanted surfaces, sunlight.
+What is modelled: walls, furniture with tops and undersides, floor and ceiling, any turn of the camera, the noise of
+depth_noise. What is not: motion during the exposure, glass and mirrors, people, slanted surfaces, sunlight.
 """
 
 from __future__ import annotations
@@ -49,7 +49,8 @@ def render_depth(world: SolidWorld, pose: FloatArray, camera: Pinhole, mount: Ca
     tangents = np.arange(first, int(numbers.max()) + 1) * step + shift
     start = se2.transform_points(se2.inverse(world.origin), ahead[np.newaxis, :2])[0] / world.resolution_m
     headings = ahead[2] - world.origin[2] + np.arctan(tangents)
-    planes = _cast_planes(world.heights_m, start, headings, _MAX_DEPTH_M * 1.5 / world.resolution_m, ROOM_HEIGHT_M)
+    reach = _MAX_DEPTH_M * 1.5 / world.resolution_m
+    planes = _cast_planes(world.heights_m, world.bottoms_m, start, headings, reach, ROOM_HEIGHT_M)
     planes[..., :2] *= world.resolution_m
     return np.asarray(_look(planes, numbers - first, rays, mount.z_m, ROOM_HEIGHT_M, _MAX_DEPTH_M))
 
@@ -94,13 +95,16 @@ class SimulatedDepthCamera:
 
 
 @njit(cache=True, nogil=True)
-def _cast_planes(heights: Image, start: FloatArray, headings: FloatArray, reach: float, ceiling: float) -> FloatArray:
+def _cast_planes(
+    heights: Image, bottoms: Image, start: FloatArray, headings: FloatArray, reach: float, ceiling: float
+) -> FloatArray:
     """Return for each heading the blocks that it crosses, nearest first, up to the first that reaches the ceiling.
 
-    start (2,) and reach in cells; the blocks (headings, _OBSTACLES, 3) are entry and exit in cells, height in m.
+    start (2,) and reach in cells; the blocks (headings, _OBSTACLES, 4) are entry and exit in cells, height and bottom
+    in m.
     """
     rows, cols = heights.shape
-    planes = np.zeros((headings.shape[0], _OBSTACLES, 3))
+    planes = np.zeros((headings.shape[0], _OBSTACLES, 4))
     for ray in range(headings.shape[0]):
         dx, dy = math.cos(headings[ray]), math.sin(headings[ray])
         col, row = math.floor(start[0]), math.floor(start[1])
@@ -109,10 +113,10 @@ def _cast_planes(heights: Image, start: FloatArray, headings: FloatArray, reach:
         delta_y = abs(1.0 / dy) if dy != 0.0 else math.inf
         next_x = ((col + 1.0 - start[0]) if dx > 0 else (start[0] - col)) * delta_x if dx != 0.0 else math.inf
         next_y = ((row + 1.0 - start[1]) if dy > 0 else (start[1] - row)) * delta_y if dy != 0.0 else math.inf
-        travelled, block, standing = 0.0, -1, 0.0
+        travelled, block, standing, hanging = 0.0, -1, 0.0, 0.0
         while travelled < reach and 0 <= row < rows and 0 <= col < cols:
-            height = heights[row, col]
-            if height != standing:
+            height, bottom = heights[row, col], bottoms[row, col]
+            if height != standing or bottom != hanging:
                 if standing > 0.0:
                     planes[ray, block, 1] = travelled
                 if height > 0.0:
@@ -122,9 +126,10 @@ def _cast_planes(heights: Image, start: FloatArray, headings: FloatArray, reach:
                     planes[ray, block, 0] = travelled
                     planes[ray, block, 1] = math.inf
                     planes[ray, block, 2] = height
-                    if height >= ceiling:
+                    planes[ray, block, 3] = bottom
+                    if height >= ceiling and bottom <= 0.0:
                         break
-                standing = height
+                standing, hanging = height, bottom
             if next_x < next_y:
                 travelled, next_x, col = next_x, next_x + delta_x, col + step_x
             else:
@@ -143,7 +148,8 @@ def _look(
 ) -> Image:
     """Return the depth (rows, cols) of the first surface along each pixel's ray (rows, cols, 3), given for depth 1.
 
-    planes: blocks (planes, blocks, 3) as entry and exit in m and height; numbers (rows, cols): the plane of a pixel.
+    planes: blocks (planes, blocks, 4) as entry and exit in m, height and bottom; numbers (rows, cols): the plane of a
+    pixel.
     """
     rows, cols = numbers.shape
     depth = np.zeros((rows, cols), np.float32)
@@ -161,13 +167,15 @@ def _look(
                 if plane[block, 2] == 0.0 or plane[block, 0] >= nearest * run:
                     break
                 entry = plane[block, 0] / run
-                if camera_height + rise * entry < plane[block, 2]:
+                at_entry = camera_height + rise * entry
+                if plane[block, 3] <= at_entry < plane[block, 2]:
                     nearest = entry
                     break
-                if rise < 0.0:
-                    top = (plane[block, 2] - camera_height) / rise
-                    if top * run < plane[block, 1]:
-                        nearest = min(nearest, top)
+                side = plane[block, 2] if at_entry >= plane[block, 2] else plane[block, 3]  # top or underside
+                if (side - at_entry) * rise > 0.0:
+                    face = (side - camera_height) / rise
+                    if face * run < plane[block, 1]:
+                        nearest = min(nearest, face)
                         break
             if nearest <= max_depth:
                 depth[row, col] = nearest

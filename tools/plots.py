@@ -26,36 +26,43 @@ _ARROW_EVERY_M = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MissionPicture:
-    """What the demo shows: per car name, grid, poses (N, 3) in its own frame and pose (3,) of that in the global one.
-
-    path (N, 3) in the global frame, empty where there is none.
-    """
+class PlacedMaps:
+    """Two cars' maps: name, grid, poses (N, 3) in its own frame and pose (3,) of that in the common one; a title."""
 
     names: tuple[str, ...]
     grids: tuple[OccupancyGrid, ...]
     trajectories: tuple[FloatArray, ...]
     T_global_map: tuple[FloatArray, ...]
+    title: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionPicture:
+    """What the demo shows: two lidar maps, the global map and the path (N, 3) in it, empty where there is none.
+
+    camera: a lidar map and a camera map, in the lidar map's frame.
+    """
+
+    local: PlacedMaps
     fused: OccupancyGrid
     path: FloatArray
+    camera: PlacedMaps
     title: str
 
 
 def draw_mission(file: Path, picture: MissionPicture) -> None:
-    """Write a PNG: left the local maps in their colours, laid over each other, right the global map with the path.
+    """Write a PNG of three parts: the lidars' maps over each other, the global map with the path, camera and lidar.
 
     Raises ToolError without matplotlib.
     """
     plt = pyplot()
-    figure, (local, fused) = plt.subplots(1, 2, figsize=(17, 8.5), layout="constrained", sharex=True, sharey=True)
-    _draw_overlay(local, picture)
-    for number, color in enumerate(_COLORS):
-        _draw_drive(local, picture, number, color)
-    local.plot([], [], "s", color=_BOTH, ms=10, label="seen by both: dark walls, light free space")
-    local.set_title("two local maps in the global frame")
-    _legend_below(local)
+    figure, (local, fused, camera) = plt.subplots(1, 3, figsize=(22, 8), layout="constrained")
+    fused.sharex(local)
+    fused.sharey(local)
+    _draw_placed(local, picture.local)
     _draw_fused(fused, picture)
-    for axes in (local, fused):
+    _draw_placed(camera, picture.camera)
+    for axes in (local, fused, camera):
         axes.set(xlabel="x in m", aspect="equal")
         axes.margins(0.0)
     local.set_ylabel("y in m")
@@ -64,19 +71,29 @@ def draw_mission(file: Path, picture: MissionPicture) -> None:
     plt.close(figure)
 
 
+def _draw_placed(axes: Any, maps: PlacedMaps) -> None:
+    """Draw two maps over each other with the drives and what the colours mean."""
+    _draw_overlay(axes, maps)
+    for number, color in enumerate(_COLORS):
+        _draw_drive(axes, maps, number, color)
+    axes.plot([], [], "s", color=_BOTH, ms=10, label="seen by both: dark walls, light free space")
+    axes.set_title(maps.title)
+    _legend_below(axes)
+
+
 def _legend_below(axes: Any) -> None:
     """Add the legend under the axes: a map may fill all of them."""
-    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3, frameon=False)
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=1, frameon=False)
 
 
-def overlay(picture: MissionPicture) -> tuple[FloatArray, Raster]:
+def overlay(maps: PlacedMaps) -> tuple[FloatArray, Raster]:
     """Return the local maps over each other as an RGB image (rows, cols, 3) from 0 to 1, row 0 lowest, and its raster.
 
     Free space and walls of one car are in its colour, those of both in a third one, all else is white.
     """
-    placed = list(zip(picture.grids, picture.T_global_map, strict=True))
+    placed = list(zip(maps.grids, maps.T_global_map, strict=True))
     corners = np.vstack([se2.transform_points(T, known_corners(grid)) for grid, T in placed])
-    raster = raster_around(corners, min(grid.resolution_m for grid in picture.grids))
+    raster = raster_around(corners, min(grid.resolution_m for grid in maps.grids))
     seen = [OccupancyGrid(resample(grid, T, raster), raster.resolution_m, raster.origin) for grid, T in placed]
     image = np.ones((*raster.shape, 3))
     for shade, masks in ((_FADED, [grid.free for grid in seen]), (1.0, [grid.occupied for grid in seen])):
@@ -90,8 +107,8 @@ def _rgb(color: str) -> FloatArray:
     return np.array([int(color[first : first + 2], 16) for first in (1, 3, 5)]) / 255.0
 
 
-def _draw_overlay(axes: Any, picture: MissionPicture) -> None:
-    image, raster = overlay(picture)
+def _draw_overlay(axes: Any, maps: PlacedMaps) -> None:
+    image, raster = overlay(maps)
     axes.imshow(image, origin="lower", extent=_extent(raster), interpolation="nearest")
 
 
@@ -101,11 +118,11 @@ def _extent(raster: Raster) -> tuple[float, float, float, float]:
     return x, x + cols * raster.resolution_m, y, y + rows * raster.resolution_m
 
 
-def _draw_drive(axes: Any, picture: MissionPicture, number: int, color: str) -> None:
+def _draw_drive(axes: Any, maps: PlacedMaps, number: int, color: str) -> None:
     """Draw where one car went, with a dot where it started."""
-    drive = se2.compose(picture.T_global_map[number], picture.trajectories[number])
+    drive = se2.compose(maps.T_global_map[number], maps.trajectories[number])
     axes.plot(drive[:, 0], drive[:, 1], color="white", lw=3.5)
-    axes.plot(drive[:, 0], drive[:, 1], color=color, lw=1.8, label=f"{picture.names[number]}: map, drive, start")
+    axes.plot(drive[:, 0], drive[:, 1], color=color, lw=1.8, label=f"{maps.names[number]}: map, drive, start")
     axes.plot(*drive[0, :2], "o", color=color, ms=10, mec="white")
 
 

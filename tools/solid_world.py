@@ -21,14 +21,21 @@ _FULL = 0.9  # a box fills this share of the rectangle around it; angles of wall
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolidWorld:
-    """A plan whose cells are solid from the floor (z = 0) up to heights_m (rows, cols), 0 where nothing stands.
+    """A plan whose cells are solid from bottoms_m up to heights_m (rows, cols), in m above the floor (z = 0).
 
-    resolution_m and origin (3,) as in the plan. The ceiling is at ROOM_HEIGHT_M everywhere.
+    A height of 0: nothing stands there. A bottom over 0: it hangs, as the top of a table does. resolution_m and origin
+    (3,) as in the plan. The ceiling is at ROOM_HEIGHT_M everywhere.
     """
 
     heights_m: NDArray[np.float32]
+    bottoms_m: NDArray[np.float32]
     resolution_m: float
     origin: FloatArray
+
+    def cut(self, z_m: float) -> World:
+        """Return the plan that a laser sees which turns at a height over the floor."""
+        solid_there = (self.bottoms_m <= z_m) & (z_m < self.heights_m)
+        return World(solid_there, self.resolution_m, self.origin)
 
 
 def solid(world: World, seed: int = 0) -> SolidWorld:
@@ -46,4 +53,5 @@ def solid(world: World, seed: int = 0) -> SolidWorld:
         is_box = cells >= _FULL * width * depth
         if is_box and sides_m[0] >= _FLATTEST_FURNITURE_M and sides_m[1] <= _LONGEST_FURNITURE_M:
             heights[label] = random.uniform(*_FURNITURE_M)
-    return SolidWorld(heights[labels], world.resolution_m, world.origin)
+    standing = heights[labels]
+    return SolidWorld(standing, np.zeros_like(standing), world.resolution_m, world.origin)

@@ -256,3 +256,50 @@ def test_a_corridor_does_not_slide_with_wheels(corridor) -> None:
     messages = sorted([*corridor.scans, *corridor.odometry], key=lambda message: message.stamp_ns)
     _, tracked = track(messages)
     assert abs(slid_m(tracked, corridor)) < 0.1
+
+
+def narrow(scans: Iterable[LaserScan]) -> list[LaserScan]:
+    """What a sensor sees that looks 43 deg to either side."""
+    kept = []
+    for scan in scans:
+        ahead = np.abs(se2.wrap_angle(scan.angles_rad)) < np.radians(43.0)
+        arrays = (scan.angles_rad[ahead], scan.ranges_m[ahead], np.zeros(int(ahead.sum())))
+        middle_ns = scan.stamp_ns + round(float(np.median(scan.offsets_s[ahead])) * 1e9)
+        kept.append(LaserScan(middle_ns, *arrays, scan.range_min_m, scan.range_max_m))
+    return kept
+
+
+def wheels_of(drive, way: float, turn: float, every_ns: int = 50_000_000) -> list[Odometry]:
+    """Odometry whose ways and turns are too long by these factors."""
+    stamps = np.arange(drive.truth.stamps_ns[0], drive.truth.stamps_ns[-1], every_ns)
+    steps = se2.log(se2.between(drive.truth.at(stamps)[:-1], drive.truth.at(stamps)[1:])) * (way, way, turn)
+    poses = [se2.IDENTITY]
+    for step in steps:
+        poses.append(se2.compose(poses[-1], se2.exp(step)))
+    return [Odometry(stamp, pose, np.zeros(3)) for stamp, pose in zip(stamps.tolist(), poses, strict=True)]
+
+
+def by_stamps(*kinds: Iterable[LaserScan | Odometry]) -> list[LaserScan | Odometry]:
+    return sorted((message for kind in kinds for message in kind), key=lambda message: message.stamp_ns)
+
+
+def test_a_narrow_view_is_tied_to_wheels_and_better_than_either_alone(winding) -> None:
+    scans, wheels = narrow(winding.scans), wheels_of(winding, 1.0, 1.1)
+    _, tracked = track(by_stamps(scans, wheels))
+    assert sum(scan.wheel_guess for scan in tracked) > 0.9 * len(scans)
+    _, by_wheels = track(by_stamps(scans, wheels), FrontEndSettings(wheels_only=True))
+    _, by_sight = track(scans)
+    assert off_m(tracked, winding).max() < 0.15
+    assert off_m(tracked, winding).max() < 0.6 * off_m(by_wheels, winding).max()
+    assert off_m(tracked, winding).max() < 0.3 * off_m(by_sight, winding).max()
+
+
+def test_wheels_that_contradict_what_a_narrow_view_sees_are_noticed(winding) -> None:
+    """For 2 s of a turn the wheels say that the robot stands."""
+    wheels = wheels_of(winding, 1.0, 1.0)
+    begin_ns, end_ns = (winding.truth.stamps_ns[0] + second * 10**9 for second in (3, 5))
+    stood = next(message.pose for message in wheels if message.stamp_ns >= begin_ns)
+    lying = [replace(m, pose=stood) if begin_ns <= m.stamp_ns < end_ns else m for m in wheels]
+    honest, lied_to = (track(by_stamps(narrow(winding.scans), each))[0] for each in (wheels, lying))
+    assert honest.counters.unmatched == honest.counters.rescued == 0
+    assert lied_to.counters.unmatched + lied_to.counters.rescued >= 5

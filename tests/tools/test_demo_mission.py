@@ -25,6 +25,10 @@ from tools.errors import ToolError
 from tools.world import wings
 
 CAR = DemoCar("A", "A2M8", "wings-west", 0.05)
+WHOLE = {
+    "cars": [{"identical": True}], "alignment": {"accepted": True}, "camera": {"accepted": True},
+    "plan": {"solved": True, "error": None},
+}  # fmt: skip
 
 
 @pytest.mark.live
@@ -48,12 +52,18 @@ def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     assert result["alignment"]["frames_apart_deg"] > 30.0
     assert result["common"]["overlap"] == pytest.approx(0.33, abs=0.03)
     assert result["common"]["wall_m"] > 10.0
+    camera = result["camera"]
+    assert camera["accepted"] is True
+    assert camera["rms_between_maps_m"] < 0.1
+    assert camera["rotation_deg"] < 2.0
+    assert camera["trajectory_rms_m"] < 0.15
+    assert camera["frames_apart_m"] > 5.0
     assert result["plan"]["solved"] is True
     assert cv2.imread(str(folder / "demo.png")).shape[0] > 500
     assert out.startswith("Simulated data")  # the result is on stdout, the progress is not
     assert "cm" in out
     assert "of the smaller map's free space" in out
-    assert "1/5" in err
+    assert "1/6" in err
 
 
 def mapped_without_error(car: DemoCar) -> MappedCar:
@@ -150,11 +160,14 @@ def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monk
 
 @pytest.mark.parametrize(
     ("changed", "expected"),
-    [({}, 0), ({"alignment": {"accepted": False}, "plan": {"solved": False, "error": "NOT_FUSED"}}, 3)],
+    [
+        ({}, 0),
+        ({"alignment": {"accepted": False}, "plan": {"solved": False, "error": "NOT_FUSED"}}, 3),
+        ({"camera": {"accepted": False}}, 3),
+    ],
 )
 def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
-    whole = {"cars": [{"identical": True}], "alignment": {"accepted": True}, "plan": {"solved": True, "error": None}}
-    assert exit_code_of(whole | changed) == expected
+    assert exit_code_of(WHOLE | changed) == expected
 
 
 @pytest.mark.parametrize(
@@ -165,9 +178,8 @@ def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
     ],
 )
 def test_a_demo_that_failed_says_why(changed, words):
-    whole = {"cars": [{"identical": True}], "alignment": {"accepted": True}, "plan": {"solved": True, "error": None}}
     with pytest.raises(ToolError, match=words):
-        exit_code_of(whole | changed)
+        exit_code_of(WHOLE | changed)
 
 
 def test_stopping_ends_all_processes(tmp_path):

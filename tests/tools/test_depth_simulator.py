@@ -30,7 +30,7 @@ def room(box=BOX):
     heights[
         round((y0 + 3.2) / CELL_M) : round((y1 + 3.2) / CELL_M), round((x0 + 4.2) / CELL_M) : round((x1 + 4.2) / CELL_M)
     ] = height
-    return SolidWorld(heights, CELL_M, np.array([-4.2, -3.2, 0.0]))
+    return SolidWorld(heights, np.zeros_like(heights), CELL_M, np.array([-4.2, -3.2, 0.0]))
 
 
 def expected(rays, place, box=BOX):
@@ -75,6 +75,25 @@ def test_floor_and_ceiling_where_no_wall_is():
 def test_camera_that_looks_down_on_itself_is_refused():
     with pytest.raises(ValueError, match="look ahead"):
         render_depth(room(), np.zeros(3), CAMERA, CameraMount(pitch_rad=1.5))
+
+
+def test_under_a_table_one_sees_its_underside_and_what_is_behind():
+    """A top from 0.6 to 0.7 m, x from 2.0 to 2.6: rays above, into and under it end where the planes are."""
+    table, place = room((2.0, -0.5, 2.6, 0.4, 0.7)), CameraMount(z_m=0.2)
+    table.bottoms_m[table.heights_m == np.float32(0.7)] = 0.6
+    depth = render_depth(table, np.zeros(3), CAMERA, place)
+    rise = pixel_rays(CAMERA, place)[:, 52, 2]
+    at_front, at_back = 0.2 + 2.0 * rise, 0.2 + 2.6 * rise
+    behind = np.where(rise < 0.0, np.minimum(4.0, 0.2 / np.maximum(-rise, 1e-9)), 4.0)
+    behind = np.minimum(behind, np.where(rise > 0.0, 2.3 / np.maximum(rise, 1e-9), 4.0))
+    expected = np.where((at_front >= 0.6) & (at_front < 0.7), 2.0, behind)
+    underside = (at_front < 0.6) & (at_back > 0.6)
+    expected[underside] = 0.4 / rise[underside]
+    assert underside.any()
+    assert (expected == 2.0).any()
+    clear = np.abs(at_front[:, None] - [0.6, 0.7]).min(axis=1) > 0.02  # rows away from the table's edges
+    clear &= np.abs(at_back - 0.6) > 0.02
+    np.testing.assert_allclose(depth[clear, 52], expected[clear], atol=0.02)
 
 
 STILL = Trajectory(np.zeros(1, np.int64), np.zeros((1, 3)))

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tools.solid_world import ROOM_HEIGHT_M, solid
+from tools.solid_world import ROOM_HEIGHT_M, SolidWorld, solid
 from tools.world import BUILT_IN, World, load_world
 
 
@@ -45,3 +45,13 @@ def test_plan_stays_and_heights_follow_the_seed(name):
     assert len(np.unique(low)) >= 8  # that many pieces of furniture stand free
     assert low.min() >= 0.4
     assert low.max() <= 1.2
+
+
+def test_laser_sees_what_crosses_its_plane():
+    heights = np.array([[0.0, 0.15, 0.7, 0.75, ROOM_HEIGHT_M]], np.float32)
+    bottoms = np.array([[0.0, 0.0, 0.0, 0.7, 0.0]], np.float32)
+    world = SolidWorld(heights, bottoms, 0.5, np.array([1.0, 2.0, 0.3]))
+    for z_m, seen in ((0.1, [0, 1, 1, 0, 1]), (0.19, [0, 0, 1, 0, 1]), (0.72, [0, 0, 0, 1, 1])):
+        plan_there = world.cut(z_m)
+        assert plan_there.occupied.tolist() == [[bool(each) for each in seen]]
+        assert (plan_there.resolution_m, plan_there.origin.tolist()) == (0.5, [1.0, 2.0, 0.3])
