@@ -12,9 +12,9 @@ import numpy as np
 from drivers.errors import DeviceFaultError
 from drivers.messages import LaserScan, LidarStream, RawChunk
 from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps
-from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples
+from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples, decode_nodes, start_angles_q6
 from drivers.rplidar_framing import PacketFinder, PacketRun
-from drivers.rplidar_node_turns import NodeTurns, SettledNodes
+from drivers.rplidar_node_turns import NodePiece, NodeTurns
 from drivers.rplidar_protocol import (
     DESCRIPTOR_BYTES,
     PACKET_BYTES,
@@ -70,6 +70,7 @@ class RplidarDecoder:
         self._node_turns = NodeTurns()
         self._held = np.empty((0, self._size), dtype=np.uint8)  # capsules that wait for their turn's end
         self._step_q6 = -1  # the last sound step of the head from capsule to capsule
+        self._head_q6 = 0  # behind the last samples
         self._next_packet = 0
         self._next_sample = 0  # of the nodes whose turns are settled
         self._counts = dict.fromkeys(DecoderCounters.__slots__, 0)
@@ -78,7 +79,9 @@ class RplidarDecoder:
     def counters(self) -> DecoderCounters:
         """A snapshot of the counters."""
         counts = dict(self._counts)
-        if len(self._held) > 1:
+        if self._kind == Answer.NODES:
+            self._count(counts, decode_nodes(self._node_turns.held))
+        elif len(self._held) > 1:
             self._count(counts, DECODERS[self._kind](self._held))
         return DecoderCounters(**counts)
 
@@ -163,12 +166,15 @@ class RplidarDecoder:
             turns.fix_times()
             self._clock.restart()
 
-    def _add_nodes(self, settled: list[SettledNodes], turns: TurnAssembler) -> list[LaserScan]:
+    def _add_nodes(self, pieces: list[NodePiece], turns: TurnAssembler) -> list[LaserScan]:
         scans: list[LaserScan] = []
-        for part in settled:
-            self._count(self._counts, part.samples)
-            scans += turns.add(part.samples, self._next_sample, doubtful=part.doubtful)
-            self._next_sample += len(part.samples)
+        for piece in pieces:
+            samples = decode_nodes(piece.packets)
+            self._count(self._counts, samples)
+            scans += turns.extend(samples, self._next_sample)
+            self._next_sample += len(samples)
+            if piece.ends_turn:
+                scans += turns.end_turn(guessed=piece.guessed)
         return scans
 
     def _take_capsules(self, run: PacketRun, first: int, end_s: float, turns: TurnAssembler) -> list[LaserScan]:
@@ -209,7 +215,10 @@ class RplidarDecoder:
             return []
         samples = DECODERS[self._kind](packets)
         self._count(self._counts, samples)
-        return turns.add(samples, first_packet * self._per_packet)
+        start_q6, stop_q6 = start_angles_q6(packets[:: len(packets) - 1]).tolist()
+        scans = turns.end_turn(guessed=True) if turns.after_gap and start_q6 < self._head_q6 else []
+        self._head_q6 = stop_q6
+        return scans + turns.add(samples, first_packet * self._per_packet)
 
     @staticmethod
     def _count(counts: dict[str, int], samples: Samples) -> None:

@@ -48,7 +48,7 @@ class PacketFinder:
 
     def find(self, pending: bytes) -> Framing:
         """All sound packets in the bytes that are not settled yet."""
-        stream = np.frombuffer(pending, dtype=np.uint8)
+        stream = np.frombuffer(bytearray(pending), dtype=np.uint8)  # writable, as all else: one compilation
         runs = np.empty((len(stream) // self._size + 1, 2), dtype=np.int64)
         if self._kind == Answer.NODES:
             count, used = find_nodes(stream, self._nodes, runs)

@@ -15,7 +15,6 @@ from drivers.rplidar_sample_clock import SampleClock
 
 Scalar = TypeVar("Scalar", np.int64, np.float64)
 
-_BACKWARDS_Q6 = 20 * 64  # a corrected angle falls by up to 8 deg within a turn
 _LONG_GAP_S = 0.1
 _LONGEST_TURN_S = 1.0  # a head this slow has stalled: do not gather for ever
 _SMALLEST_STEP_S = 1e-6
@@ -48,30 +47,38 @@ class TurnAssembler:
         self.after_gap = False  # samples were lost before those that come next
         self._newest_time_s = -np.inf
 
-    def add(self, samples: Samples, first: int, *, doubtful: bool = False) -> list[LaserScan]:
-        """Take consecutive samples, the first with the running index `first`; return the scans that they complete.
-
-        doubtful: that a turn begins with the first sample is a guess, so neither turn beside it is whole.
-        """
+    def add(self, samples: Samples, first: int) -> list[LaserScan]:
+        """Take consecutive samples, the first with the running index `first`; return the scans that they complete."""
         scans: list[LaserScan] = []
-        if doubtful or (self.after_gap and self._turn_ended_in_gap(samples, first)):
-            self._whole = False
-            scans += self._close()
-        self.after_gap = False
         start = 0
         for cut in np.flatnonzero(samples.new_turn).tolist():
-            self._gather(samples, first, start, cut)
-            scans += self._close()
-            self._whole = not (doubtful and cut == 0)
+            scans += self.extend(samples.part(start, cut), first + start)
+            scans += self.end_turn()
             start = cut
-        self._gather(samples, first, start, len(samples))
+        return scans + self.extend(samples.part(start, len(samples)) if start else samples, first + start)
+
+    def extend(self, samples: Samples, first: int) -> list[LaserScan]:
+        """Take consecutive samples that belong to the turn under way; return one that was over, or takes too long."""
+        if not len(samples):
+            return []
+        scans = self._close() if self.after_gap and self._after_long_gap(first) else []
+        self.after_gap = False
+        self._pieces.append(_Piece(samples, first))
+        self._gathered += len(samples)
         if self._gathered * self._clock.sample_s > _LONGEST_TURN_S:
             self._whole = False
             scans += self._close()
         return scans
 
+    def end_turn(self, *, guessed: bool = False) -> list[LaserScan]:
+        """Return the turn under way; where its end is a guess, neither it nor the next one is whole."""
+        self._whole = self._whole and not guessed
+        scans = self._close()
+        self._whole = not guessed
+        return scans
+
     def gap(self) -> None:
-        """Samples were lost here: the turn under way is not whole."""
+        """Samples were lost here: the turn under way is not whole. Who knows the head's angle says if it is over."""
         self._whole = False
         self.after_gap = True
 
@@ -86,19 +93,11 @@ class TurnAssembler:
         self._whole = False
         self.after_gap = False
 
-    def _gather(self, samples: Samples, first: int, start: int, stop: int) -> None:
-        if stop > start:
-            part = samples if stop - start == len(samples) else samples.part(start, stop)
-            self._pieces.append(_Piece(part, first + start))
-            self._gathered += stop - start
-
-    def _turn_ended_in_gap(self, samples: Samples, first: int) -> bool:
-        if not self._pieces or samples.new_turn[0]:
+    def _after_long_gap(self, first: int) -> bool:
+        """Were so many samples lost that the turn is over, wherever the head is now?"""
+        if not self._pieces:
             return False
-        last = self._pieces[-1]
-        if self._clock.times_s(first, 1)[0] - self._times_s(last)[-1] > _LONG_GAP_S:
-            return True
-        return bool(samples.angle_q6[0] < last.samples.angle_q6[-1] - _BACKWARDS_Q6)
+        return bool(self._clock.times_s(first, 1)[0] - self._times_s(self._pieces[-1])[-1] > _LONG_GAP_S)
 
     def _times_s(self, piece: _Piece) -> FloatArray:
         return self._clock.times_s(piece.first, len(piece.samples)) if piece.times_s is None else piece.times_s
