@@ -40,4 +40,5 @@ def judge_steps(packets: Packets, known: int, before_q6: int, limit_q6: int, ver
 
 @njit(cache=True, nogil=True)
 def _start_q6(packets: Packets, place: int) -> int:
-    return np.int64(packets[place, 2]) | (np.int64(packets[place, 3]) & 0x7F) << 8
+    start_q6: int = np.int64(packets[place, 2]) | (np.int64(packets[place, 3]) & 0x7F) << 8
+    return start_q6

@@ -242,7 +242,8 @@ def _flag_turn(new_turn: Flags, first: int, count: int, head: int, step: int, tu
 
 @njit(cache=True, nogil=True)
 def _word(low: np.uint8, high: np.uint8) -> int:
-    return np.int64(low) | np.int64(high) << 8
+    word: int = np.int64(low) | np.int64(high) << 8
+    return word
 
 
 @njit(cache=True, nogil=True)

@@ -106,4 +106,5 @@ def _is_sealed(stream: Packets, at: int, size: int) -> bool:
     check = stream[at] & 15 | (stream[at + 1] & 15) << 4
     for place in range(at + 2, at + size):
         check ^= stream[place]
-    return check == 0
+    sealed: bool = check == 0
+    return sealed

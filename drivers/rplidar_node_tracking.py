@@ -1,9 +1,9 @@
 """Where standard nodes lie in a stream: they have two bits of redundancy, so the head's motion must vouch for them.
 
 A node's angle is the head's less the triangulation's, which depends on the distance. Three readings of that are
-followed at once: as a real A2 writes nodes (nothing to subtract where there is no distance), with 7.5 deg subtracted there, and
-plain head angles. The one in which the head turns most smoothly judges the next node; how far it may be off is what
-the stream itself has shown, at least 1.5 deg. All angles here are in 1/64 deg ("q6").
+followed at once: as a real A2 writes nodes (nothing to subtract where there is no distance), with 7.5 deg subtracted
+there, and plain head angles. The one in which the head turns most smoothly judges the next node; how far that may be
+off is what the stream itself has shown, at least 1.5 deg. All angles here are in 1/64 deg ("q6").
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from drivers.rplidar_capsules import IntArray, Packets
 
 NODE = 5  # bytes
 LOCK_FRAMES = 12  # a chain of them turns by 8 deg at the slowest: another field misread as an angle does not
-_RESUME_FRAMES = 4  # suffice where the head is expected
+_RESUME_FRAMES = 3  # suffice where the head is expected
 _RESUME_BYTES = 100  # so far behind the damage
 
 FRESH, LOCKED, LOST, COLD = 0, 1, 2, 3
@@ -24,6 +24,7 @@ FRESH, LOCKED, LOST, COLD = 0, 1, 2, 3
 # for each reading of the angles the head, its step from node to node, and the nodes' mean distance from it.
 _DOING, _VOUCHED, _DOUBTFUL, _HEAD, _STEP, _ERROR, STATE_SIZE = 0, 1, 2, 3, 6, 9, 12
 _READINGS = 3
+_SOUND, _DAMAGED, _ADRIFT, _WAIT = 0, 1, 2, -1
 
 _TURN = 360 * 64.0
 _FLAG_WINDOW = 20 * 64  # a turn begins near 0 deg
@@ -56,35 +57,18 @@ def find_nodes(stream: Packets, state: FloatArray, runs: IntArray) -> tuple[int,
             verdict = _judge(stream, at, state)
             if verdict == _WAIT:
                 return count, at
-            if verdict == _SOUND:
-                count = _append(runs, count, at, 1)
-                _follow(stream, at, state)
-            elif verdict == _DAMAGED:
-                _pass_over(stream, at, state)
-            state[_VOUCHED] = 0.0
-            if verdict == _ADRIFT:
-                state[_DOING] = LOST
-            else:
-                at += NODE
+            count = _append(runs, count, at, int(verdict == _SOUND))
+            at += 0 if verdict == _ADRIFT else NODE
         elif state[_DOING] == LOST:
-            found = _resume(stream, at, state)
-            if found == _WAIT:
+            following = _resume(stream, at, state)
+            if following == _WAIT:
                 return count, at
-            if found != _NOT_FOUND:
-                if state[_DOUBTFUL] and found - at >= 2 * NODE - 1:  # the damage lies behind the doubtful node
-                    count = _append(runs, count, at, 1)
-                # Where no byte is missing or too many, the first node is whole; else it may straddle the damage.
-                at = found if (found - at) % NODE == 0 else found + NODE
-            else:
-                state[_DOING] = COLD
-                at += 1
+            count = _append(runs, count, at, int(state[_DOUBTFUL]))
+            at = following
         else:
             at = _lock_on(stream, at, state)
             if state[_DOING] != LOCKED:
                 return count, at
-
-
-_SOUND, _DAMAGED, _ADRIFT, _WAIT, _NOT_FOUND = 0, 1, 2, -1, -2
 
 
 @njit(cache=True, nogil=True)
@@ -101,26 +85,40 @@ def _stride(stream: Packets, at: int, state: FloatArray) -> int:
 
 @njit(cache=True, nogil=True)
 def _judge(stream: Packets, at: int, state: FloatArray) -> int:
-    """Judge the node expected here by itself and by the next; where one is unsound, two more say if bytes are lost."""
+    """Judge the node expected here by itself and by the next; where one is unsound, two more say if bytes are lost.
+
+    Unless it has to wait for bytes, the state goes on by this node.
+    """
     if at + 2 * NODE > len(stream):
         return _WAIT
     here = state[_VOUCHED] != 0.0 or _fits(stream, at, state, 1)
     behind = _fits(stream, at + NODE, state, 2)
     if here and behind:
-        return _SOUND
-    first = at + NODE if not here else at + 2 * NODE
-    if first + 2 * NODE > len(stream):
-        return _WAIT
-    ahead = (first - at) // NODE + 1
-    if _fits(stream, first, state, ahead) and _fits(stream, first + NODE, state, ahead + 1):
-        return _SOUND if here else _DAMAGED
-    state[_DOUBTFUL] = 1.0 if here else 0.0
-    return _ADRIFT
+        verdict = _SOUND
+    else:
+        first = at + NODE if not here else at + 2 * NODE
+        if first + 2 * NODE > len(stream):
+            return _WAIT
+        ahead = (first - at) // NODE + 1
+        verdict = _ADRIFT
+        if _fits(stream, first, state, ahead) and _fits(stream, first + NODE, state, ahead + 1):
+            verdict = _SOUND if here else _DAMAGED
+    state[_VOUCHED], state[_DOUBTFUL] = 0.0, 1.0 if here else 0.0
+    if verdict == _SOUND:
+        _follow(stream, at, state)
+    elif verdict == _DAMAGED:
+        _pass_over(stream, at, state)
+    else:
+        state[_DOING] = LOST
+    return verdict
 
 
 @njit(cache=True, nogil=True)
 def _resume(stream: Packets, lost_at: int, state: FloatArray) -> int:
-    """Lock on again after the node at lost_at, near where the head must be: return where, _WAIT or _NOT_FOUND."""
+    """Lock on again behind the node at lost_at, near where the head must be, or go hunting; return where to go on.
+
+    Leaves state[_DOUBTFUL] if the node at lost_at was sound: it is, where the damage lies in the next one.
+    """
     reading = _best(state)
     step, tolerance = state[_STEP + reading], _tolerance(state, reading)
     for at in range(lost_at + 1, lost_at + _RESUME_BYTES + 1):
@@ -137,11 +135,24 @@ def _resume(stream: Packets, lost_at: int, state: FloatArray) -> int:
             fits = fits and _is_sound(stream, next_at) and abs(off) <= tolerance
         if fits:
             _set_head(stream, at, state)
-            if (at - lost_at) % NODE == 0:
-                _step_back(state)
             state[_DOING] = LOCKED
+            if abs(at - lost_at - 2 * NODE) > 1:
+                state[_DOUBTFUL] = 0.0
+            if not _is_whole(at - lost_at):
+                return at + NODE
+            _step_back(state)
             return at
-    return _NOT_FOUND
+    state[_DOING], state[_DOUBTFUL] = COLD, 0.0
+    return lost_at + 1
+
+
+@njit(cache=True, nogil=True)
+def _is_whole(distance: int) -> bool:
+    """Is the first node found so far behind the last one whole? Else it may straddle the damage and only vouches.
+
+    It is where no byte is missing or too many, and where one is in the node between.
+    """
+    return distance % NODE == 0 or distance in (2 * NODE - 1, 2 * NODE + 1)
 
 
 @njit(cache=True, nogil=True)
@@ -256,7 +267,8 @@ def _best(state: FloatArray) -> int:
 @njit(cache=True, nogil=True)
 def _tolerance(state: FloatArray, reading: int) -> float:
     grown = _TOLERANCE_GROWTH * state[_ERROR + reading] + _TOLERANCE_BASE
-    return min(max(grown, _TOLERANCE), _MAX_STEP)
+    tolerance: float = min(max(grown, _TOLERANCE), _MAX_STEP)
+    return tolerance
 
 
 @njit(cache=True, nogil=True)
@@ -293,7 +305,8 @@ def _offset(stream: Packets, at: int) -> float:
     if distance_q2 < 200:
         return -1.0
     reciprocal = 98361.0 / distance_q2
-    return (9150.0 - 64.0 * reciprocal - reciprocal * reciprocal * reciprocal * (1 / 98304)) * _RAD_Q16_TO_Q6
+    offset: float = (9150.0 - 64.0 * reciprocal - reciprocal * reciprocal * reciprocal * (1 / 98304)) * _RAD_Q16_TO_Q6
+    return offset
 
 
 @njit(cache=True, nogil=True)
@@ -304,7 +317,8 @@ def _angle(stream: Packets, at: int) -> float:
 @njit(cache=True, nogil=True)
 def _turned(angle: float) -> float:
     """Bring a turn to within half a turn."""
-    return angle - _TURN * np.floor(angle / _TURN + 0.5)
+    turned: float = angle - _TURN * np.floor(angle / _TURN + 0.5)
+    return turned
 
 
 @njit(cache=True, nogil=True)

@@ -85,7 +85,7 @@ class NodeTurns:
 @njit(cache=True, nogil=True)
 def signed_angle_q6(packets: Packets, place: int) -> int:
     """Angle of one node (P, 5), in [-180, 180) deg."""
-    angle_q6 = np.int64(packets[place, 1]) >> 1 | np.int64(packets[place, 2]) << 7
+    angle_q6: int = np.int64(packets[place, 1]) >> 1 | np.int64(packets[place, 2]) << 7
     return angle_q6 if angle_q6 < FULL_TURN_Q6 // 2 else angle_q6 - FULL_TURN_Q6
 
 

@@ -1,4 +1,4 @@
-"""Faults of a serial line: bytes replaced, bits flipped, bytes lost, bytes too many. With a seed, and a memory of truth."""
+"""Faults of a serial line: bytes replaced, bits flipped, bytes lost, bytes too many. With a seed and the truth."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Damaged:
     origin: IntArray
 
     def hit_packets(self, clean: Bytes, size: int) -> NDArray[np.bool_]:
-        """(P,) which packets of the clean stream came with a byte changed or missing, or one too many in or before them."""
+        """(P,) which packets of the clean stream have a byte changed, missing, or too many in or before them."""
         hit = np.zeros(len(clean) // size, dtype=np.bool_)
         kept = self.origin >= 0
         hit[self.origin[kept][self.data[kept] != clean[self.origin[kept]]] // size] = True
@@ -52,10 +52,11 @@ def damage(clean: Bytes, rate: float, faults: tuple[str, ...], seed: int) -> Dam
 
 
 def expected_misses(capsules: int, size: int, rate: float, faults: tuple[str, ...]) -> float:
-    """How many of so many capsules with changed bytes pass the XOR of their bytes, on average.
+    """How many of so many capsules with faulty bytes pass the XOR of their bytes, on average.
 
-    The sum over the 256 characters of XOR: the mean of (-1)^(w.x) over what one byte adds to the sum, to the power of
-    the bytes. The first two bytes have four bits each in the sum; a change of their other four always shows.
+    For changed bytes, the sum over the 256 characters of XOR: the mean of (-1)^(w.x) over what one byte adds to the
+    sum, to the power of the bytes. The first two bytes have four bits each in the sum; a change of their other four
+    always shows. A byte lost or added puts one strange byte into the sum: it passes once in 256 times.
     """
     each = rate / len(faults)
     flips, swaps = (each if name in faults else 0.0 for name in ("flipped", "replaced"))
@@ -67,10 +68,11 @@ def expected_misses(capsules: int, size: int, rate: float, faults: tuple[str, ..
     for half in (bits[:, :4], bits[:, 4:]):
         swapped = np.where(half.any(axis=1), -1.0, 15.0)
         heads *= untouched + flips * (1 - 2 * half).sum(axis=1) / 8 + swaps * swapped / 255
-    # A capsule with bytes lost or added does not end where it should: left out of both terms.
-    whole = (1.0 - rate + flips + swaps) ** size
     passing = (heads * body ** (size - 2)).mean() - untouched**size
-    return max(float(capsules * whole * passing), 0.0)
+    shifts = rate - flips - swaps
+    unshifted = (1.0 - shifts) ** size
+    shifted_once = size * shifts * (1.0 - shifts) ** (size - 1)
+    return max(float(capsules * (unshifted * passing + shifted_once / 256)), 0.0)
 
 
 def most_likely_at_most(mean: float, certainty: float = 0.999) -> int:

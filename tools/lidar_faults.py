@@ -184,8 +184,8 @@ def _losses(came: NDArray[np.bool_], hit: NDArray[np.bool_]) -> tuple[float, flo
     """Lost packets per damaged one: on the whole, and the most over stretches in which none came."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], ~came, [0])).astype(np.int64)))
     starts, stops = edges[::2], edges[1::2]
-    # A stretch of lost capsules ends with a damaged one, or is followed by one whose loss it shares.
-    hits = [max(int(hit[start : stop + 1].sum()), 1) for start, stop in zip(starts, stops, strict=True)]
+    # The damage may lie in the packet beside a stretch: taken for sound before it, or sharing its loss behind it.
+    hits = [max(int(hit[max(start - 1, 0) : stop + 1].sum()), 1) for start, stop in zip(starts, stops, strict=True)]
     ratios = (stops - starts) / np.array(hits, dtype=np.float64) if len(starts) else np.zeros(1)
     return float((~came).sum() / max(int(hit.sum()), 1)), float(ratios.max())
 

@@ -55,7 +55,7 @@ def encoded_stream(kind: StreamKind, samples: int, seed: int) -> Packets:
     per_packet = PACKET_SAMPLES[kind.answer]
     packets = -(-samples // per_packet)
     count = packets * per_packet + 1
-    head_deg = _head_deg(np.arange(count) * kind.sample_us * 1e-6, random)
+    head_deg = _head_deg(np.arange(count, dtype=np.float64) * kind.sample_us * 1e-6, random)
     distance_mm = _room_mm(head_deg - 7.0, random)
     head_q6 = np.floor(head_deg * 64).astype(np.int64)
     start_q6 = head_q6[:-1:per_packet] % FULL_TURN_Q6

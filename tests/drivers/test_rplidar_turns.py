@@ -43,14 +43,14 @@ def test_a_gap_inside_a_turn_leaves_one_partial_scan() -> None:
     assert len(scan.ranges_m) == 3
 
 
-def test_a_gap_over_the_turn_s_end_splits_it() -> None:
+def test_a_turn_s_end_that_is_a_guess_leaves_no_turn_whole() -> None:
     turns = assembler()
     turns.add(samples([0, 300]), 0)
-    turns.gap()
-    (scan,) = turns.add(samples([40]), 50)
+    (scan,) = turns.end_turn(guessed=True)
     assert (scan.complete, len(scan.ranges_m)) == (False, 2)
-    (rest,) = turns.add(samples([0]), 51)
-    assert not rest.complete
+    (rest, whole) = turns.add(samples([40, 0, 180, 0]), 50)
+    assert (rest.complete, len(rest.ranges_m)) == (False, 1)
+    assert whole.complete
 
 
 def test_a_gap_longer_than_a_turn_splits_it() -> None:
