@@ -224,3 +224,15 @@ class RplidarDecoder:
     def _count(counts: dict[str, int], samples: Samples) -> None:
         counts["samples"] += len(samples)
         counts["valid_samples"] += int(np.count_nonzero(samples.distance_q2))
+
+
+def load_compiled() -> None:
+    """Load all compiled code that decoding uses, so that no stream waits for it; the first time ever takes a while."""
+    for kind in map(Answer, DECODERS):
+        blank = np.zeros((2, PACKET_BYTES[kind]), dtype=np.uint8)
+        PacketFinder(kind).find(blank.tobytes())
+        DECODERS[kind](blank)
+        if kind == Answer.NODES:
+            NodeTurns().take(blank)
+        else:
+            judge_steps(blank, 0, -1, 0, np.zeros(1, dtype=np.int64))

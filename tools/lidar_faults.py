@@ -16,7 +16,9 @@ from drivers.rplidar_decoder import RplidarDecoder
 from drivers.rplidar_framing import PacketFinder
 from drivers.rplidar_protocol import PACKET_BYTES, PACKET_SAMPLES, Answer
 from tools.byte_faults import Damaged, damage, expected_misses, most_likely_at_most
-from tools.lidar_streams import StreamKind, encoded_stream, live_chunks
+from tools.lidar_streams import STREAM_KINDS, StreamKind, encoded_stream, live_chunks
+
+CAPSULE_KINDS = tuple(kind for kind in STREAM_KINDS if kind.answer != Answer.NODES)
 
 _READ_S = 0.02
 _NEAR_TURN = 1 / 18  # of a turn: a boundary so close to a true one is that one

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -86,7 +87,7 @@ def noise(kind: StreamKind, random: np.random.Generator) -> bytes:
     if sort == 1:
         return damage(clean, float(random.choice((0.0, 0.002, 0.05, 0.3))), FAULTS, seed).data.tobytes()
     edges = np.sort(random.integers(0, len(clean), 12))
-    pieces = [clean[start:stop].tobytes() for start, stop in zip(edges[:-1], edges[1:], strict=True)]
+    pieces = [clean[start:stop].tobytes() for start, stop in pairwise(edges)]
     if sort == 2:
         random.shuffle(pieces)
         return b"".join(pieces)
