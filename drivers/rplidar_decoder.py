@@ -134,10 +134,13 @@ class RplidarDecoder:
         return scans + self._take_capsules(run, first, end_s, turns)
 
     def _observe(self, run: PacketRun, first: int, start: int, stop: int, end_s: float) -> None:
-        """Tell the clock of packets start to stop of a run; those between come evenly, so its ends say all."""
-        for place in {start, stop - 1}:
-            behind = len(self._pending) - run.start - (place + 1) * self._size
-            self._clock.observe((first + place + 1) * self._per_packet - 1, end_s - behind * self._byte_s)
+        """Tell the clock of packets start to stop of a run.
+
+        They come evenly, so one says all: the last, or on a line that is slower than the sensor the first.
+        """
+        place = stop - 1 if self._size * self._byte_s <= self._packet_s else start
+        behind = len(self._pending) - run.start - (place + 1) * self._size
+        self._clock.observe((first + place + 1) * self._per_packet - 1, end_s - behind * self._byte_s)
 
     def _bridge_damage(self, turns: TurnAssembler) -> list[LaserScan]:
         """Carry on after skipped bytes; a byte lost or gained leaves no doubt how many packets they were.

@@ -76,10 +76,17 @@ def _stride(stream: Packets, at: int, state: FloatArray) -> int:
     """Follow nodes as long as each fits and the next one too; return the first that has not been followed."""
     if at + 2 * NODE > len(stream) or not (state[_VOUCHED] or _fits(stream, at, state, 1)):
         return at
-    while at + 2 * NODE <= len(stream) and _fits(stream, at + NODE, state, 2):
-        _follow(stream, at, state)
+    angle, offset = _angle(stream, at), _offset(stream, at)
+    while at + 2 * NODE <= len(stream) and _is_sound(stream, at + NODE):
+        next_angle, next_offset = _angle(stream, at + NODE), _offset(stream, at + NODE)
+        reading = _best(state)
+        expected = state[_HEAD + reading] + 2 * state[_STEP + reading]
+        if abs(_turned(_read(next_angle, next_offset, reading) - expected)) > _tolerance(state, reading):
+            break
+        _follow(angle, offset, state)
         state[_VOUCHED] = 1.0
         at += NODE
+        angle, offset = next_angle, next_offset
     return at
 
 
@@ -105,7 +112,7 @@ def _judge(stream: Packets, at: int, state: FloatArray) -> int:
             verdict = _SOUND if here else _DAMAGED
     state[_VOUCHED], state[_DOUBTFUL] = 0.0, 1.0 if here else 0.0
     if verdict == _SOUND:
-        _follow(stream, at, state)
+        _follow(_angle(stream, at), _offset(stream, at), state)
     elif verdict == _DAMAGED:
         _pass_over(stream, at, state)
     else:
@@ -220,17 +227,12 @@ def _set_head(stream: Packets, at: int, state: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _follow(stream: Packets, at: int, state: FloatArray) -> None:
+def _follow(angle: float, offset: float, state: FloatArray) -> None:
     """Let every reading learn from the sound node that comes next."""
-    angle, offset = _angle(stream, at), _offset(stream, at)
     for reading in range(_READINGS):
-        head = angle
-        if reading < 2 and offset >= 0:
-            head += offset
-        elif reading == 1:
-            head += _UNKNOWN_OFFSET
         expected = state[_HEAD + reading] + state[_STEP + reading]
-        off = min(max(_turned(head - expected), -_MAX_STEP), _MAX_STEP)
+        off = _turned(_read(angle, offset, reading) - expected)
+        off = min(max(off, -_MAX_STEP), _MAX_STEP)
         state[_HEAD + reading] = _turned(expected + _HEAD_GAIN * off)
         state[_STEP + reading] += _STEP_GAIN * off
         state[_ERROR + reading] += _ERROR_GAIN * (abs(off) - state[_ERROR + reading])
@@ -288,11 +290,14 @@ def _is_sound(stream: Packets, at: int) -> bool:
 
 @njit(cache=True, nogil=True)
 def _head(stream: Packets, at: int, reading: int) -> float:
-    """Return the head's angle by a reading of the node: 0 as a real A2, 1 with a guess for no distance, 2 plain."""
-    angle = _angle(stream, at)
+    return _read(_angle(stream, at), _offset(stream, at), reading)
+
+
+@njit(cache=True, nogil=True)
+def _read(angle: float, offset: float, reading: int) -> float:
+    """Return the head's angle by a reading of a node: 0 as a real A2, 1 with a guess for no distance, 2 plain."""
     if reading == 2:
         return angle
-    offset = _offset(stream, at)
     if offset < 0:
         return angle + (_UNKNOWN_OFFSET if reading == 1 else 0.0)
     return angle + offset

@@ -51,6 +51,10 @@ class SampleClock:
                 self._base_s = self._window_min_s
             self._window_start, self._window_min_s = index, math.inf
 
+    def time_s(self, index: int) -> float:
+        """Best present estimate of when one sample was taken."""
+        return self._base_s + index * self.sample_s
+
     def times_s(self, first: int, count: int) -> FloatArray:
         """Best present estimate of when count samples were taken, from index first on."""
         return np.asarray(self._base_s + np.arange(first, first + count) * self.sample_s, dtype=np.float64)

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import TypeVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from drivers.messages import FloatArray, LaserScan, LidarStream
-from drivers.rplidar_capsules import FULL_TURN_Q6, Samples
+from drivers.rplidar_capsules import FULL_TURN_Q6, IntArray, Samples
 from drivers.rplidar_sample_clock import SampleClock
 
 Scalar = TypeVar("Scalar", np.int64, np.float64)
@@ -18,11 +18,6 @@ Scalar = TypeVar("Scalar", np.int64, np.float64)
 _LONG_GAP_S = 0.1
 _LONGEST_TURN_S = 1.0  # a head this slow has stalled: do not gather for ever
 _SMALLEST_STEP_S = 1e-6
-
-# Clockwise angles in [0, 360) deg to counter-clockwise ones in (-pi, pi].
-_HALF = FULL_TURN_Q6 // 2
-_CLOCKWISE_Q6 = np.arange(FULL_TURN_Q6)
-_COUNTER_CLOCKWISE_RAD = np.where(_CLOCKWISE_Q6 < _HALF, -_CLOCKWISE_Q6, FULL_TURN_Q6 - _CLOCKWISE_Q6) * np.pi / _HALF
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,13 +102,23 @@ class TurnAssembler:
         if not self._pieces:
             return []
         pieces, self._pieces, self._gathered = self._pieces, [], 0
-        times_s = self._rising(pieces)
         qualities = [piece.samples.quality for piece in pieces if piece.samples.quality is not None]
+        angles_rad, ranges_m, offsets_s = _in_si_units(
+            _joined([piece.samples.angle_q6 for piece in pieces]),
+            _joined([piece.samples.distance_q2 for piece in pieces]),
+            self._clock.sample_s,
+        )
+        first_s = self._clock.time_s(pieces[0].first)
+        if first_s > self._newest_time_s and _without_gap(pieces):
+            self._newest_time_s = first_s + float(offsets_s[-1])
+        else:
+            times_s = self._rising(pieces)
+            first_s, offsets_s = float(times_s[0]), times_s - times_s[0]
         scan = LaserScan(
-            stamp_ns=self._epoch_ns + round(float(times_s[0]) * 1e9),
-            angles_rad=_COUNTER_CLOCKWISE_RAD[_joined([piece.samples.angle_q6 for piece in pieces])],
-            ranges_m=_joined([piece.samples.distance_q2 for piece in pieces]) / 4000.0,
-            offsets_s=times_s - times_s[0],
+            stamp_ns=self._epoch_ns + round(first_s * 1e9),
+            angles_rad=angles_rad,
+            ranges_m=ranges_m,
+            offsets_s=offsets_s,
             range_min_m=self._stream.range_min_m,
             range_max_m=self._stream.range_max_m,
             frame_id=self._stream.frame_id,
@@ -124,23 +129,36 @@ class TurnAssembler:
 
     def _rising(self, pieces: list[_Piece]) -> FloatArray:
         """Strictly rising times: a clock corrected to earlier must not put a sample before one already out."""
-        if pieces[0].times_s is None and _without_gap(pieces):
-            times_s = self._clock.times_s(pieces[0].first, sum(len(piece.samples) for piece in pieces))
-            rises = bool(times_s[0] > self._newest_time_s)
-        else:
-            times_s = np.concatenate([self._times_s(piece) for piece in pieces])
-            rises = False
-        if not rises:
-            slack = np.arange(1, len(times_s) + 1) * _SMALLEST_STEP_S
-            times_s = np.maximum(np.maximum.accumulate(times_s - slack), self._newest_time_s) + slack
-        self._newest_time_s = float(times_s[-1])
-        return times_s
+        times_s = np.concatenate([self._times_s(piece) for piece in pieces])
+        slack = np.arange(1, len(times_s) + 1) * _SMALLEST_STEP_S
+        rising: FloatArray = np.maximum(np.maximum.accumulate(times_s - slack), self._newest_time_s) + slack
+        self._newest_time_s = float(rising[-1])
+        return rising
 
 
 def _without_gap(pieces: list[_Piece]) -> bool:
-    return all(
-        later.times_s is None and later.first == piece.first + len(piece.samples) for piece, later in pairwise(pieces)
-    )
+    """Do the pieces' samples follow each other, and are all their times still open?"""
+    following = pieces[0].first
+    for piece in pieces:
+        if piece.times_s is not None or piece.first != following:
+            return False
+        following += len(piece.samples)
+    return True
+
+
+@njit(cache=True, nogil=True)
+def _in_si_units(
+    angle_q6: IntArray, distance_q2: IntArray, sample_s: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Angles in rad, clockwise in [0, 360) deg to counter-clockwise in (-pi, pi]; ranges in m; even times in s."""
+    half = FULL_TURN_Q6 // 2
+    angles_rad, ranges_m, offsets_s = np.empty(len(angle_q6)), np.empty(len(angle_q6)), np.empty(len(angle_q6))
+    for sample in range(len(angle_q6)):
+        angle = angle_q6[sample]
+        angles_rad[sample] = (-angle if angle < half else FULL_TURN_Q6 - angle) * (np.pi / half)
+        ranges_m[sample] = distance_q2[sample] / 4000.0
+        offsets_s[sample] = sample * sample_s
+    return angles_rad, ranges_m, offsets_s
 
 
 def _joined(arrays: list[NDArray[Scalar]]) -> NDArray[Scalar]:

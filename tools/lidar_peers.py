@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import itertools
+import logging
 import struct
 import time
 from collections.abc import Callable, Iterator
@@ -37,13 +38,16 @@ def can_decode(peer: str, answer: Answer) -> bool:
 
 def peer_rate(peer: str, answer: Answer, data: bytes) -> float:
     """Samples per CPU second that the peer takes out of a stream in memory."""
-    samples = _offline(peer, answer, data)
     count = 0
-    began = time.process_time()
-    with contextlib.suppress(EOFError):
-        for _ in samples:
-            count += 1
-    return count / (time.process_time() - began)
+    with contextlib.redirect_stdout(None):  # one tells when it is deleted
+        samples = _offline(peer, answer, data)
+        began = time.process_time()
+        with contextlib.suppress(EOFError):
+            for _ in samples:
+                count += 1
+        passed_s = time.process_time() - began
+        del samples
+    return count / passed_s
 
 
 def peer_live(peer: str, port: str, baud: int, mode_id: int | None, warm_s: float, seconds: float) -> tuple[float, int]:
@@ -107,6 +111,12 @@ def _module(peer: str) -> ModuleType | None:
     return module if peer == "pyrplidar" or hasattr(module, "ExpressPacket") else None
 
 
+def _silent() -> logging.Logger:
+    logger = logging.getLogger("peer")
+    logger.setLevel(logging.CRITICAL)
+    return logger
+
+
 def _offline(peer: str, answer: Answer, data: bytes) -> Iterator[Any]:
     module: Any = _module(peer)
     if peer == "pyrplidar":
@@ -121,7 +131,7 @@ def _offline(peer: str, answer: Answer, data: bytes) -> Iterator[Any]:
         def connect(self) -> None:
             self._serial = _Memory(data)
 
-    lidar = Offline("memory")
+    lidar = Offline("memory", logger=_silent())
     kind = "normal" if answer == Answer.NODES else "express"
     lidar.scanning = [True, PACKET_BYTES[answer], kind]
     return iter(lidar.iter_measures(kind, max_buf_meas=False))
@@ -139,6 +149,6 @@ def _online(peer: str, port: str, baud: int, mode_id: int | None) -> tuple[Itera
         lidar.set_motor_pwm(660)
         generator = lidar.start_scan() if mode_id is None else lidar.start_scan_express(mode_id)
         return iter(generator()), lambda: lidar.lidar_serial.send_data(struct.pack("BB", 0xA5, 0x25))
-    lidar = module.RPLidar(port, baud, timeout=3)
+    lidar = module.RPLidar(port, baud, timeout=3, logger=_silent())
     samples = lidar.iter_measures("normal" if mode_id is None else "express", max_buf_meas=False)
     return itertools.chain(samples), lidar.stop

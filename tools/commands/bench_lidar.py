@@ -64,7 +64,7 @@ def _speed_lines(speeds: list[DecodingSpeed]) -> list[str]:
 def _live_lines(shares: list[LiveShare]) -> list[str]:
     if not shares:
         return []
-    lines = ["live at the emulator's pseudo-terminal: share of a core, samples a second"]
-    for share in shares:
-        lines.append(f"  {share.driver:<18} {share.cpu_share:>6.1%} {share.samples_per_s:>8.0f}   {share.mode}")
-    return lines
+    return [
+        "live at the emulator's pseudo-terminal: share of a core, samples a second",
+        *(f"  {one.driver:<18} {one.cpu_share:>6.1%} {one.samples_per_s:>8.0f}   {one.mode}" for one in shares),
+    ]
