@@ -105,7 +105,7 @@ def decode_noise(kind: StreamKind, data: bytes, random: np.random.Generator) -> 
     for start, stop in zip([0, *cuts], [*cuts, len(data)], strict=True):
         stamp_ns += int(random.integers(0, 10 ** int(random.integers(1, 11))))
         scans += decoder.feed(RawChunk(stamp_ns, data[start:stop]))
-    _check(scans)
+    check_scans(scans)
     together, apart = (_content(result) for result in (whole, scans))
     # How long a gap was is told by the times at which chunks came: only the samples themselves do not depend on them.
     if not all(np.array_equal(one, other) for one, other in zip(together, apart, strict=True)):
@@ -123,7 +123,8 @@ def _content(scans: list[LaserScan]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([np.zeros(0), *angles]), np.concatenate([np.zeros(0), *ranges])
 
 
-def _check(scans: list[LaserScan]) -> None:
+def check_scans(scans: list[LaserScan]) -> None:
+    """Raise ToolError for an angle, a range or times that no sensor gives."""
     newest = -np.inf
     for scan in scans:
         sound = (

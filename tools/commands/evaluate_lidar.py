@@ -70,7 +70,7 @@ def _lines(costs: list[FaultCost]) -> list[str]:
     lines = [
         "decoded: share of the samples; lost a hit: packets lost per damaged packet, and in the worst stretch; turns:",
         "true and found; false: turns begun where none began, and scans wrongly called whole; angle error: largest,",
-        "in deg, and samples off by more than 2 deg; wrong distances: of standard nodes, beside the unavoidable; missed:",
+        "in deg, and samples more than 2 deg off; wrong distances: of standard nodes, beside the unavoidable; missed:",
         "damaged capsules taken for sound, beside the mean by XOR theory (99.9 % of runs stay at or below the third)",
         f"  {'stream':<16}{'fault':<10}" + "".join(f"{title:>16}" for title in (*titles, "missed")),
     ]
