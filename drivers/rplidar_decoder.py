@@ -11,8 +11,8 @@ import numpy as np
 
 from drivers.errors import DeviceFaultError
 from drivers.messages import LaserScan, LidarStream, RawChunk
-from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps
-from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples, decode_nodes, start_angles_q6
+from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps, start_q6
+from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples, decode_nodes
 from drivers.rplidar_framing import PacketFinder, PacketRun
 from drivers.rplidar_node_turns import NodePiece, NodeTurns
 from drivers.rplidar_protocol import (
@@ -188,8 +188,8 @@ class RplidarDecoder:
         settled = max(held - 1, 0)  # steps known from before
         limit_q6 = round(self._packet_s * _FASTEST_TURN_HZ * FULL_TURN_Q6)
         verdicts = np.zeros(len(stack) - 1 - settled, dtype=np.int64)
-        passes_zero, self._step_q6 = judge_steps(stack, settled, self._step_q6, limit_q6, verdicts)
-        cuts = np.flatnonzero(verdicts).tolist()
+        passes_zero, unsound, self._step_q6 = judge_steps(stack, settled, self._step_q6, limit_q6, verdicts)
+        cuts = np.flatnonzero(verdicts).tolist() if unsound else []
         waits = len(stack) * self._packet_s <= _LONGEST_WAIT_S
         if not (cuts or passes_zero or turns.after_gap) and waits:
             self._observe(run, first, 0, len(run.packets), end_s)
@@ -218,9 +218,9 @@ class RplidarDecoder:
             return []
         samples = DECODERS[self._kind](packets)
         self._count(self._counts, samples)
-        start_q6, stop_q6 = start_angles_q6(packets[:: len(packets) - 1]).tolist()
-        scans = turns.end_turn(guessed=True) if turns.after_gap and start_q6 < self._head_q6 else []
-        self._head_q6 = stop_q6
+        passed_zero = turns.after_gap and start_q6(packets, 0) < self._head_q6
+        scans = turns.end_turn(guessed=True) if passed_zero else []
+        self._head_q6 = start_q6(packets, len(packets) - 1)
         return scans + turns.add(samples, first_packet * self._per_packet)
 
     @staticmethod

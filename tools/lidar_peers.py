@@ -10,7 +10,6 @@ import contextlib
 import importlib
 import itertools
 import logging
-import struct
 import time
 from collections.abc import Callable, Iterator
 from types import ModuleType
@@ -137,6 +136,13 @@ def _offline(peer: str, answer: Answer, data: bytes) -> Iterator[Any]:
     return iter(lidar.iter_measures(kind, max_buf_meas=False))
 
 
+def _leave(lidar: Any) -> None:
+    """Stop the scan and close the port; once it has no port, this peer prints nothing when it is deleted."""
+    lidar.stop()
+    lidar.lidar_serial.close()
+    lidar.lidar_serial = None
+
+
 def _online(peer: str, port: str, baud: int, mode_id: int | None) -> tuple[Iterator[Any], Callable[[], None]]:
     module: Any = _module(peer)
     serial = module.serial if peer != "pyrplidar" else importlib.import_module("pyrplidar_serial").serial
@@ -148,7 +154,7 @@ def _online(peer: str, port: str, baud: int, mode_id: int | None) -> tuple[Itera
             lidar.connect(port, baud, 3)
         lidar.set_motor_pwm(660)
         generator = lidar.start_scan() if mode_id is None else lidar.start_scan_express(mode_id)
-        return iter(generator()), lambda: lidar.lidar_serial.send_data(struct.pack("BB", 0xA5, 0x25))
+        return iter(generator()), lambda: _leave(lidar)
     lidar = module.RPLidar(port, baud, timeout=3, logger=_silent())
     samples = lidar.iter_measures("normal" if mode_id is None else "express", max_buf_meas=False)
     return itertools.chain(samples), lidar.stop

@@ -2,15 +2,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps
+from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps, start_q6
 from drivers.rplidar_encoding import encode_dense
 
 
-def judged(start_q6: list[int], restarts: list[int] | None = None, before_q6: int = -1, known: int = 0):
-    flags = np.isin(np.arange(len(start_q6)), restarts or [])
-    packets = encode_dense(np.array(start_q6), np.zeros((len(start_q6), 40), dtype=np.int64), flags)
-    verdicts = np.zeros(len(start_q6) - 1 - known, dtype=np.int64)
-    passes, last = judge_steps(packets, known, before_q6, 5000, verdicts)
+def judged(start_q6_of: list[int], restarts: list[int] | None = None, before_q6: int = -1, known: int = 0):
+    flags = np.isin(np.arange(len(start_q6_of)), restarts or [])
+    packets = encode_dense(np.array(start_q6_of), np.zeros((len(start_q6_of), 40), dtype=np.int64), flags)
+    verdicts = np.zeros(len(start_q6_of) - 1 - known, dtype=np.int64)
+    passes, unsound, last = judge_steps(packets, known, before_q6, 5000, verdicts)
+    assert unsound == np.count_nonzero(verdicts)
+    assert start_q6(packets, len(packets) - 1) == start_q6_of[-1]
     return verdicts.tolist(), passes, last
 
 
