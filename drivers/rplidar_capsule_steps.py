@@ -18,8 +18,8 @@ def judge_steps(
 ) -> tuple[bool, int, int]:
     """Judge the steps of P capsules but for the first `known`: verdicts (P - 1 - known,), 0 for a sound one.
 
-    before_q6: the last sound step, -1 for none. Returns whether the head passed zero, how many steps are unsound, and the last sound one.
-    RESTARTED: the later capsule's flag says that the device had lost track of its angle.
+    before_q6: the last sound step, -1 for none. Returns whether the head passed zero, how many steps are unsound, and
+    the last sound one. RESTARTED: the later capsule's flag says that the device had lost track of its angle.
     """
     passes_zero, unsound = False, 0
     for place in range(known, len(packets) - 1):
