@@ -4,6 +4,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO_ARGS ?=
 TEST_ARGS ?=
+# Open3D is a large download: after so many seconds demo and test go on without it, and numpy projects depth images.
+OPEN3D_WAIT_S ?= 60
 # Processes that share the tests; 0: this one alone, for a debugger.
 TEST_JOBS ?= 2
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
@@ -23,7 +25,17 @@ ifneq ("$(HOME_OF_VENV)","$(CURDIR)")
 MOVED := moved
 endif
 
-.PHONY: help setup setup-test demo test lint format clean moved
+# Fetched before it is installed, so that running out of time leaves nothing half done.
+OPEN3D := $(if $(filter x86_64,$(shell uname -m)),open3d-cpu,open3d)
+FETCH_OPEN3D = $(BIN)/python -c 'import importlib.util, sys; sys.exit(not importlib.util.find_spec("open3d"))' || \
+	{ timeout $(1) $(BIN)/python -m pip download --quiet --no-deps --only-binary=:all: -c constraints.txt \
+	    -d $(VENV)/open3d $(OPEN3D) && $(BIN)/python -m pip install --quiet --no-deps $(VENV)/open3d/*.whl; }
+INSTALL_DEPTH = { $(FETCH_OPEN3D); } && $(BIN)/python -m pip install --quiet -c constraints.txt -e '.[depth]' && \
+	rm -rf $(VENV)/open3d
+TRY_DEPTH = @{ $(call INSTALL_DEPTH,$(OPEN3D_WAIT_S)); } 2>$(VENV)/open3d.log || \
+	echo "Open3D is left out (no wheel for this computer, or not here within $(OPEN3D_WAIT_S) s; see $(VENV)/open3d.log): numpy projects depth images. 'make setup-depth' tries again."
+
+.PHONY: help setup setup-test setup-depth demo test lint format clean moved
 .DELETE_ON_ERROR:
 .DEFAULT_GOAL := help
 
@@ -33,6 +45,9 @@ help: ## list the targets
 setup: $(VENV)/setup-demo ## install what the program needs, with pictures
 
 setup-test: $(VENV)/setup-test ## install that and the tools of the checks
+
+setup-depth: $(VENV)/setup-demo ## install Open3D for depth images, however long its download takes
+	@$(call INSTALL_DEPTH,0)
 
 demo: $(VENV)/setup-demo ## set up, then run the demonstration (DEMO_ARGS="--seed 3 -o DIR")
 	$(BIN)/mapfuse-robot demo $(DEMO_ARGS)
@@ -59,10 +74,12 @@ clean: ## remove the environment and all caches
 
 $(VENV)/setup-demo: $(VENV)/checkout pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[plots]'
+	$(TRY_DEPTH)
 	@touch $@
 
 $(VENV)/setup-test: $(VENV)/checkout pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[test]'
+	$(TRY_DEPTH)
 	@touch $(VENV)/setup-demo $@
 
 # The first Python of 3.10 to 3.13 makes the environment; `make PYTHON=/path/to/python` is tried before the others.

@@ -19,7 +19,7 @@ from drivers.d435_calibration import DEFAULT_UNIT_M, DepthCalibration, file_cali
 from drivers.d435_controls import D435Controls, apply_controls
 from drivers.d435_hardware_monitor import CameraVersion, HardwareMonitor
 from drivers.depth_discovery import require_depth
-from drivers.errors import DeviceFaultError, DeviceLostError, WrongDeviceError
+from drivers.errors import DeviceFaultError, DeviceLostError, RecordingError, WrongDeviceError
 from drivers.messages import DepthImage
 from drivers.sources import Closing
 from drivers.system_calls import LinuxSystemCalls, SystemCalls
@@ -86,8 +86,10 @@ def open_depth_camera(
 
     camera_info: used where the camera does not tell. wall_offset_ns: wall clock minus monotonic clock, for the stamps.
     Raises PortMissingError, PortPermissionError, PortBusyError, WrongDeviceError, DeviceFaultError, DeviceLostError or,
-    for a bad camera_info, RecordingError; the node is closed then.
+    for a bad or missing camera_info, RecordingError; the node is closed then.
     """
+    if camera_info is not None and not camera_info.is_file():
+        raise RecordingError(f"{camera_info}: there is no such camera_info file")
     device = VideoDevice(path, LinuxSystemCalls() if calls is None else calls)
     try:
         card = require_depth(device)

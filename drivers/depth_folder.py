@@ -25,6 +25,7 @@ from drivers.messages import DepthImage, FloatArray, Message, Pinhole, Transform
 from drivers.recording_storage import TopicInfo
 from drivers.rotations import quaternion
 from drivers.sources import Closing
+from drivers.wording import counted
 
 WORLD_FRAME, CAMERA_FRAME = "world", "camera_depth_optical_frame"
 DEPTH_TOPIC, POSE_TOPIC = "depth", "pose"
@@ -87,7 +88,7 @@ class DepthFolder(Closing):
     @property
     def problems(self) -> list[str]:
         """What could not be read, one line for each kind."""
-        return [f"{count} files cannot be read: {why}" for why, count in self._faults.items()]
+        return [f"{counted(count, 'file')} cannot be read: {why}" for why, count in self._faults.items()]
 
     def messages(self, scan_topic: str | None = None) -> Iterator[Message]:
         """Yield each frame's pose, where it has one, as a Transform of the camera in the world, and its depth image.
@@ -152,6 +153,8 @@ class DepthFolder(Closing):
 
     def _find_camera(self, intrinsics: Path) -> Pinhole:
         """Return the camera: intrinsics from the file, the image size from the first image that can be read."""
+        if not intrinsics.is_file() and intrinsics.parent != self.path:
+            raise RecordingError(f"{intrinsics}: no such file: it should hold the camera's 3x3 matrix")
         if not intrinsics.is_file():
             raise RecordingError(
                 f"{self.path}: depth images without {intrinsics.name}: give a file with their 3x3 matrix (--intrinsics)"

@@ -1,4 +1,4 @@
-"""Pixels of depth images as recordings hold them, raw, as PNG or as inverse depth, to uint16 counts.
+"""Pixels of depth images as recordings hold them, raw, as PNG, RVL or inverse depth, to uint16 counts.
 
 Depth in metres (float32) becomes counts of METRES_UNIT_M. Everything raises ValueError for bytes that are no image.
 """
@@ -10,6 +10,8 @@ import zlib
 
 import numpy as np
 from numpy.typing import NDArray
+
+from drivers.depth_rvl import rvl_counts
 
 DepthCounts = NDArray[np.uint16]
 
@@ -47,17 +49,16 @@ def compressed_counts(image_format: str, data: bytes) -> DepthCounts:
     """Return the (rows, cols) counts of a sensor_msgs/CompressedImage of the transport compressedDepth.
 
     image_format: its format field, as "16UC1; compressedDepth png". The data are a ConfigHeader of 12 bytes and a PNG
-    of 16 bits; for 32FC1 its pixels are a / depth + b, a and b from the header, 0 where there is no depth. Source:
-    compressed_depth_image_transport of image_transport_plugins.
+    of 16 bits or, where the format says rvl, an RVL image; for 32FC1 its pixels are a / depth + b, a and b from the
+    header, 0 where there is no depth. Source: compressed_depth_image_transport of image_transport_plugins.
     """
     encoding, _, transport = image_format.partition(";")
     if "compressedDepth" not in transport:
         raise ValueError(f"format {image_format!r}, expected compressedDepth")
-    if "rvl" in transport.lower():
-        raise ValueError(f"format {image_format!r}: RVL is not read, only PNG (set the transport's format to png)")
     if len(data) <= _CONFIG_HEADER.size:
         raise ValueError(f"{len(data)} bytes, too few for compressedDepth")
-    pixels = png_counts(data[_CONFIG_HEADER.size :])
+    decode = rvl_counts if "rvl" in transport.lower() else png_counts
+    pixels = decode(data[_CONFIG_HEADER.size :])
     if encoding.strip() in {"16UC1", "mono16"}:
         return pixels
     if encoding.strip() != "32FC1":
@@ -82,7 +83,7 @@ def png_counts(data: bytes) -> DepthCounts:
 def _check_png(data: bytes) -> None:
     """Raise ValueError unless this is a whole PNG of one grey channel of 16 bits; libpng itself reports to stderr."""
     if not data.startswith(_PNG_MAGIC):
-        raise ValueError(f"no PNG: it starts with {data[:8]!r}")
+        raise ValueError(f"no PNG: it starts with {data[:8]!r}" if data else "no PNG: it is empty")
     place, kind = len(_PNG_MAGIC), b""
     while kind != b"IEND":
         head = data[place : place + 8]

@@ -29,6 +29,7 @@ from drivers.messages import DepthImage, Message, Pinhole
 from drivers.recording_storage import StoredMessage, TopicInfo
 from drivers.ros1_translation import Ros1Translation
 from drivers.sources import Closing
+from drivers.wording import counted
 
 MAGIC = b"#ROSBAG V"
 DEPTH_FRAME = "camera_depth_optical_frame"
@@ -75,8 +76,10 @@ class RealsenseBag(Closing):
             self.start_ns, self.end_ns = (self._reader.start_time, self._reader.end_time) if topics else (0, 0)
         except _DAMAGE as error:
             self.close()
-            why = _reason(error)
-            raise RecordingError(f"{path}: a ROS 1 bag that cannot be read: {why} (try `rosbag reindex`)") from error
+            why = "its index, at the end, is missing or damaged, as in a file that was cut"
+            if not isinstance(error, ReaderError) or "index" not in _reason(error):
+                why = _reason(error)
+            raise RecordingError(f"{path}: a damaged ROS 1 bag: {why}; `rosbag reindex` may mend it") from error
         images = {name: count for name, (_, count) in topics.items() if _IMAGE.fullmatch(name) and count}
         if not images:
             self.close()
@@ -105,7 +108,7 @@ class RealsenseBag(Closing):
     @property
     def problems(self) -> list[str]:
         """What is wrong with the file, as far as it was read, one line each."""
-        undecodable = [f"{count} images cannot be read: {why}" for why, count in self._undecodable.items()]
+        undecodable = [f"{counted(count, 'image')} cannot be read: {why}" for why, count in self._undecodable.items()]
         return undecodable + ([self._damage] if self._damage else [])
 
     def messages(self, scan_topic: str | None = None) -> Iterator[Message]:
@@ -136,7 +139,7 @@ class RealsenseBag(Closing):
                 else:
                     yield StoredMessage(connection.topic, name, time_ns, data)
         except _DAMAGE as error:
-            self._damage = f"damaged ({_reason(error)}); read as far as it goes"
+            self._damage = f"a part of the file cannot be read ({_reason(error)}); read as far as it goes"
 
     def schema_text(self, type_name: str) -> str:
         """Return the ros2msg definition of a type of `others`."""
@@ -174,7 +177,7 @@ class RealsenseBag(Closing):
                 else:
                     yield image
         if found < self._declared and not self._damage:
-            self._damage = f"damaged: {found} of its {self._declared} images are there"
+            self._damage = f"{found} of its {self._declared} images are there"
 
     def _raw_messages(self) -> Iterator[tuple[int, str, bytes]]:
         """Yield log time, topic and bytes of what belongs to the depth images, up to the first damage."""
@@ -183,7 +186,7 @@ class RealsenseBag(Closing):
             for connection, time_ns, raw in self._reader.messages(wanted):
                 yield time_ns, connection.topic, raw
         except _DAMAGE as error:
-            self._damage = f"damaged ({_reason(error)}); read as far as it goes"
+            self._damage = f"a part of the file cannot be read ({_reason(error)}); read as far as it goes"
 
 
 class _Places:

@@ -33,6 +33,8 @@ from mcap.records import (
 )
 from mcap.writer import Writer
 
+from drivers.wording import fault_in
+
 __all__ = [
     "MAGIC",
     "Attachment",
@@ -137,7 +139,7 @@ def _leaf(opcode: int, content: bytes, offset: int, end: int) -> Iterator[Leaf |
         elif opcode in _PARSERS:
             yield Leaf(_PARSERS[opcode](ReadDataStream(io.BytesIO(content))), offset, end)
     except (struct.error, McapError, UnicodeDecodeError) as error:
-        yield Fault(offset, len(content), f"record of type {opcode} at byte {offset} does not parse: {error!r}")
+        yield Fault(offset, len(content), f"record of type {opcode} at byte {offset} does not parse: {fault_in(error)}")
 
 
 def _chunk_leaves(content: bytes, offset: int, end: int, *, cut: bool) -> Iterator[Leaf | Fault]:
@@ -174,7 +176,7 @@ def _uncompress(content: bytes, *, cut: bool) -> tuple[bytes, int]:
         data = content[stream.count :]
         records = _decompressed(compression, data)
     except (struct.error, McapError, UnicodeDecodeError) as error:
-        raise ValueError(f"damaged head ({error!r})") from error
+        raise ValueError(f"damaged head ({fault_in(error)})") from error
     if not cut and len(records) != size:
         raise ValueError(f"{len(records)} bytes when uncompressed, expected {size}")
     if not cut and crc and zlib.crc32(records) != crc:

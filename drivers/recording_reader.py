@@ -38,6 +38,7 @@ from drivers.ros_codec import (
 )
 from drivers.sources import Closing
 from drivers.tinyslam_log import TinyslamLog, is_tinyslam_log
+from drivers.wording import counted
 
 
 class Recording(Protocol):
@@ -143,7 +144,7 @@ class BagRecording(Closing):
         """What is wrong with the recording, as far as it was read, one line each."""
         damage = [f"{storage.path.name}: {text}" for storage in self.storages for text in storage.problems]
         undecodable = [
-            f"{topic}: {count} messages do not decode{self._reasons.get(topic, '')}"
+            f"{topic}: {counted(count, 'message')} not decoded{self._reasons.get(topic, '')}"
             for topic, count in self._undecodable.items()
         ]
         return [*self._missing, *damage, *undecodable]
@@ -187,6 +188,20 @@ def open_recording(path: Path, *, intrinsics: Path | None = None, depth_unit_m: 
 
     Raises RecordingError, with what was found and what is accepted, for anything that is not one or holds no message.
     """
+    other = open_other(path, intrinsics=intrinsics, depth_unit_m=depth_unit_m)
+    if other is not None:
+        return other
+    storages, problems = open_storages(path)
+    recording = BagRecording(path, storages, problems)
+    if not any(topic.count for topic in recording.topics):
+        recording.close()
+        why = f" ({recording.problems[0]})" if recording.problems else ""
+        raise RecordingError(f"{path}: no messages in it{why}")
+    return recording
+
+
+def open_other(path: Path, *, intrinsics: Path | None = None, depth_unit_m: float = METRES_UNIT_M) -> Recording | None:
+    """Open what is neither MCAP nor a bag of ROS 2; None if it is none of that. See open_recording."""
     if is_carmen_log(path):
         return CarmenLog(path)
     if is_tinyslam_log(path):
@@ -195,13 +210,14 @@ def open_recording(path: Path, *, intrinsics: Path | None = None, depth_unit_m: 
         return RealsenseBag(path)
     if is_depth_folder(path):
         return DepthFolder(path, intrinsics=intrinsics, unit_m=depth_unit_m)
-    storages, problems = open_storages(path)
-    recording = BagRecording(path, storages, problems)
-    if not any(topic.count for topic in recording.topics):
-        recording.close()
-        why = f" ({recording.problems[0]})" if recording.problems else ""
-        raise RecordingError(f"{path}: no messages in it{why}")
-    return recording
+    return None
+
+
+def read_through(recording: Recording) -> None:
+    """Read all of a recording that no index vouches for, so that its damage is known; quick for MCAP and ROS 2 bags."""
+    if not isinstance(recording, BagRecording):
+        for _ in recording.messages():
+            pass
 
 
 def _merged_topics(storages: Sequence[Storage], of_depth: Collection[str]) -> list[TopicInfo]:

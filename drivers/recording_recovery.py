@@ -28,12 +28,15 @@ from drivers.recording_mcap import (
     walk,
 )
 from drivers.recording_mcap_file import McapFile, McapIndex
+from drivers.recording_reader import open_other, read_through
 from drivers.recording_storage import Storage
 from drivers.ros_codec import decode, is_decodable
+from drivers.wording import counted
 
 _GAP_NS = 1_000_000_000
 _GAP_FACTOR = 10  # times the usual interval of the topic
 _FEWEST_INTERVALS = 10
+_ONLY_MCAP = "`bag recover` is for MCAP; `bag convert` writes to a new MCAP file what can be read of everything else"
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +64,11 @@ def recover(source: Path, destination: Path) -> RecoveryReport:
     Reads past damaged chunks; a metadata record "recovered" says what was lost. Raises RecordingError if the source
     is not MCAP or holds no readable message, and if the destination exists: nothing is ever overwritten.
     """
+    _refuse_unrecoverable(source)
     storage = open_storage(source)
     try:
         if not isinstance(storage, McapFile):
-            raise RecordingError(f"{source}: an SQLite bag; only MCAP files can be recovered (try `sqlite3 .recover`)")
+            raise RecordingError(f"{source}: an SQLite bag; {_ONLY_MCAP} (or try `sqlite3 .recover`)")
         with destination.open("xb") as target:
             report = _copy(source, target, storage)
     except FileExistsError as error:
@@ -80,11 +84,28 @@ def recover(source: Path, destination: Path) -> RecoveryReport:
     return report
 
 
-def check(path: Path) -> CheckReport:
+def _refuse_unrecoverable(source: Path) -> None:
+    """Raise RecordingError for what is no file that could be MCAP."""
+    if source.is_dir():
+        raise RecordingError(f"{source}: a folder: name one MCAP file; {_ONLY_MCAP}")
+    other = open_other(source)
+    if other is not None:
+        other.close()
+        raise RecordingError(f"{source}: no MCAP file; {_ONLY_MCAP}")
+
+
+def check(path: Path, *, intrinsics: Path | None = None) -> CheckReport:
     """Read all of a recording: CRCs, summary, declarations, order and gaps of log times, decoding of the known types.
 
-    Raises RecordingError for what `open_storages` refuses.
+    Formats without checksums are read to their end. intrinsics: see open_recording. Raises RecordingError for what
+    `open_recording` refuses, but for a bag without messages.
     """
+    other = open_other(path, intrinsics=intrinsics)
+    if other is not None:
+        with other:
+            read_through(other)
+            left_out = tuple(f"{count} {name} are not read by replay" for name, count in other.skipped.items())
+            return CheckReport(not other.problems, tuple(other.problems), left_out)
     storages, problems = open_storages(path)
     notes: list[str] = []
     for storage in storages:
@@ -186,7 +207,7 @@ def _undecodable(storage: Storage) -> list[str]:
                 decode(message.type_name, message.data, message.topic, message.log_time_ns)
             except RecordingError as error:
                 failed.setdefault(message.topic, []).append(str(error))
-    return [f"{len(texts)} messages do not decode, the first one: {texts[0]}" for texts in failed.values()]
+    return [f"{counted(len(texts), 'message')} not decoded, the first one: {texts[0]}" for texts in failed.values()]
 
 
 def _gaps(storage: Storage) -> list[str]:

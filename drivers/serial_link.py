@@ -119,6 +119,8 @@ def _open_error(port: str, baud: int, error: Exception) -> DriverError:
         )
     if code in (errno.EAGAIN, errno.EBUSY) or "PermissionError" in detail:
         return PortBusyError(f"{port}: another process holds this port: end it (`fuser -v {port}` names it)")
+    if code in (errno.ENOTTY, errno.EISDIR) or f"({errno.ENOTTY}, " in detail:
+        return DriverError(f"{port}: no serial port: expected a serial port or a pyserial URL, such as /dev/ttyUSB0")
     return DriverError(f"{port}: cannot be opened at {baud} baud ({detail}): expected a serial port or a pyserial URL")
 
 

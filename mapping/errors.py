@@ -19,3 +19,8 @@ class RelationsError(MappingError):
 
 class TruthError(MappingError):
     """A file of ground truth holds nothing that a trajectory can be scored against."""
+
+
+def unreadable(error: OSError | UnicodeDecodeError) -> str:
+    """Return in words why a text file could not be read."""
+    return "it is no text" if isinstance(error, UnicodeDecodeError) else error.strerror or str(error)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mapping.errors import MappingError, TruthError
+from mapping.errors import MappingError, TruthError, unreadable
 from mapping.relations import Relations, read_relations
 from mapping.trajectory import Trajectory, read_tum
 
@@ -47,5 +47,5 @@ def _first_rows(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]
                 if len(rows) == _LINES_LOOKED_AT:
                     break
     except (OSError, UnicodeDecodeError) as error:
-        raise MappingError(f"{path}: cannot read the truth: {error}") from error
+        raise MappingError(f"{path}: cannot read the truth: {unreadable(error)}") from error
     return np.array(rows, dtype=np.float64).reshape(-1, 8)

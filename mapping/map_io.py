@@ -35,6 +35,11 @@ __all__ = [
 ]
 
 
+_USUAL_RESOLUTION_M = 0.005, 1.0
+_POSSIBLE_RESOLUTION_M = 1e-4, 1e3  # beyond, sizes and areas in m leave what floating point can hold
+_FARTHEST_ORIGIN_M = 1e8
+
+
 @dataclass(frozen=True, slots=True)
 class MapFiles:
     """The files of one written map."""
@@ -106,7 +111,8 @@ def read_map_with_warnings(path: Path) -> LoadedMap:
     log_odds, warnings = to_log_odds(gray, opaque, settings)
     missing = tuple(f"{key} is missing, taken as {getattr(settings, key):g}" for key in settings.missing)
     grid = OccupancyGrid(log_odds, settings.resolution_m, np.array(settings.origin))
-    return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in (*missing, *warnings)))
+    _refuse_impossible(path, grid)
+    return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in (*missing, *_odd_scale(grid), *warnings)))
 
 
 def _read_lossless(path: Path) -> LoadedMap:
@@ -124,9 +130,34 @@ def _read_lossless(path: Path) -> LoadedMap:
         provenance = MappingProxyType(json.loads(str(data["provenance"])))
         grid = OccupancyGrid(data["log_odds"], float(data["resolution_m"]), data["origin"])
     except (OSError, EOFError, KeyError, TypeError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        reason = " ".join(str(error).split())
-        raise MapFileError(f"{path}: not a lossless map ({reason}): expected one of ours, use the .yaml") from error
-    return LoadedMap(grid, provenance=provenance)
+        raise MapFileError(f"{path}: not a lossless map, or a damaged one: use the .yaml beside it") from error
+    _refuse_impossible(path, grid)
+    return LoadedMap(grid, tuple(f"{path}: {warning}" for warning in _odd_scale(grid)), provenance)
+
+
+def _refuse_impossible(path: Path, grid: OccupancyGrid) -> None:
+    """Raise MapFileError for a map that no computation in metres can use."""
+    finest_m, coarsest_m = _POSSIBLE_RESOLUTION_M
+    if not finest_m <= grid.resolution_m <= coarsest_m:
+        raise MapFileError(
+            f"{path}: resolution is {grid.resolution_m:g} m a cell, expected {finest_m:g} to {coarsest_m:g}"
+        )
+    x_m, y_m, _ = grid.origin.tolist()
+    if max(abs(x_m), abs(y_m)) > _FARTHEST_ORIGIN_M:
+        raise MapFileError(f"{path}: origin is {x_m:g}, {y_m:g} m, expected less than {_FARTHEST_ORIGIN_M:g} m away")
+
+
+def _odd_scale(grid: OccupancyGrid) -> tuple[str, ...]:
+    """Return a line where the resolution is none of a building's map; what follows from it would be as far off."""
+    resolution_m = grid.resolution_m
+    finest_m, coarsest_m = _USUAL_RESOLUTION_M
+    if finest_m <= resolution_m <= coarsest_m:
+        return ()
+    rows, cols = grid.log_odds.shape
+    size = f"{cols * resolution_m:.3g} m x {rows * resolution_m:.3g} m"
+    guesses = ((resolution_m / 1000.0, "mm"), (1.0 / resolution_m, "cells a metre"))
+    meant = "".join(f", {guess:g} if {unit} were meant" for guess, unit in guesses if finest_m <= guess <= coarsest_m)
+    return (f"resolution is {resolution_m:g} m a cell, which makes the map {size}: is it right? Usual is 0.05{meant}",)
 
 
 def _npz_bytes(grid: OccupancyGrid, provenance: Mapping[str, str] | None) -> bytes:

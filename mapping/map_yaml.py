@@ -90,12 +90,21 @@ def _load(path: Path) -> dict[Any, Any]:
     except OSError as error:
         raise MapFileError(f"{path}: cannot read the map's YAML: {error.strerror or error}") from error
     except (YAMLError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise MapFileError(f"{path}: not a YAML file: give the .yaml of a saved map ({reason})") from error
+        raise MapFileError(f"{path}: not a YAML file ({yaml_fault(error)}): give the .yaml of a saved map") from error
     if not isinstance(content, dict):
         found = "nothing" if content is None else type(content).__name__
         raise MapFileError(f"{path}: holds {found}, expected 'key: value' lines: image, resolution, origin")
     return content
+
+
+def yaml_fault(error: YAMLError | ValueError) -> str:
+    """Return in a few words what is wrong with a YAML file, and where."""
+    if isinstance(error, UnicodeDecodeError):
+        return "it is no text"
+    problem, mark = getattr(error, "problem", None), getattr(error, "problem_mark", None)
+    if problem is None or mark is None:
+        return " ".join(str(error).split())
+    return f"line {mark.line + 1}: {' '.join(problem.split())}"
 
 
 def _origin(value: object, path: Path) -> tuple[float, float, float]:

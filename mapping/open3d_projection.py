@@ -28,7 +28,7 @@ def best_projection() -> Projection:
     try:
         return open3d_projection()
     except (ImportError, OSError) as error:
-        log.warning("depth is projected by numpy, because Open3D cannot be loaded (pip install open3d): %s", error)
+        log.warning("depth is projected by numpy, because Open3D cannot be loaded (make setup-depth): %s", error)
         return project
 
 
@@ -36,6 +36,10 @@ def open3d_projection() -> Projection:
     """Return the projection by Open3D; raise ImportError or OSError where it cannot be loaded."""
     _preload_libusb()
     import open3d  # noqa: PLC0415 (slow, and not on every computer)
+
+    open3d.utility.set_max_threads(
+        1
+    )  # more wait for each other longer than one needs, while the lidar is mapped beside
 
     tensor, float64 = open3d.core.Tensor, open3d.core.Dtype.Float64
 

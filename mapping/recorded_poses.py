@@ -45,20 +45,26 @@ class RecordedPoses:
             chain = self._chain(base)
             if child in chain and chain[0] in self._above and self._moving.intersection(chain):
                 place = self._T_level_root @ self._place(chain)
-                pose = below(place)[0] if base == self._camera_frame else _planar(place)
+                pose = below(place)[0] if base == self._camera_frame else planar(place)
                 return Odometry(transform.stamp_ns, pose, _STILL, "recorded", base)
         return None
 
     @property
     def mount(self) -> CameraMount | None:
-        """Where the camera sits, as the last transforms say; None before there is any."""
+        """Where the camera sits, as the last transforms say; None before there is any, or where they are the car's."""
+        place = self.camera_place
+        return None if place is None else below(place)[1]
+
+    @property
+    def camera_place(self) -> FloatArray | None:
+        """T_level_optical (4, 4) of a camera that is tracked itself, as the last transforms say."""
         for base in self._base_frames:
             if self._moving.intersection(self._chain(base)):
                 return None
         chain = self._chain(self._camera_frame)
         if chain[0] not in self._above:
             return None
-        return below(self._T_level_root @ self._place(chain))[1]
+        return self._T_level_root @ self._place(chain)
 
     def _chain(self, frame: str) -> list[str]:
         """Return the frame and those above it, without the root."""
@@ -109,6 +115,7 @@ def floor_height(heights_m: FloatArray) -> float:
     return float(edges[lowest] + 0.025)
 
 
-def _planar(T_level_base: FloatArray) -> FloatArray:
+def planar(T_level_base: FloatArray) -> FloatArray:
+    """Return the pose (3,) of a car (4, 4) on the floor."""
     x, y = T_level_base[:2, 3].tolist()
     return np.array([x, y, math.atan2(T_level_base[1, 0], T_level_base[0, 0])])

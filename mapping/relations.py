@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.errors import RelationsError
+from mapping.errors import RelationsError, unreadable
 from mapping.trajectory import StampArray, Trajectory, parse_stamp_ns
 
 FloatArray = NDArray[np.float64]
@@ -63,7 +63,7 @@ def read_relations(path: Path) -> Relations:
     try:
         lines = path.read_text(encoding="ascii").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise RelationsError(f"{path}: cannot read the relations: {error}") from error
+        raise RelationsError(f"{path}: cannot read the relations: {unreadable(error)}") from error
     first: list[int] = []
     second: list[int] = []
     poses: list[tuple[float, float, float]] = []

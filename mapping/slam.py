@@ -68,7 +68,8 @@ class MappedScan:
 class Mapper:
     """SLAM for one robot; background decides where loops are searched for.
 
-    live: `live_grid` is the map at any time. Else it is None: only `grid` draws one.
+    live: `live_grid` is the map at any time. Else it is None: only `grid` draws one. resumed_ns: the end of the drive
+    that it goes on from.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class Mapper:
             LiveGrid(settings.resolution_m, settings.lidar_model, mount.pose[:2], background) if live else None
         )
         self._received = 0
-        self._resumed_ns: int | None = None
+        self.resumed_ns: int | None = None
 
     def resume(self, state: GraphState) -> None:
         """Go on from an earlier drive, before the first message; raises MappingError where its laser sat elsewhere."""
@@ -101,7 +102,7 @@ class Mapper:
         self._front.resume()
         if self.live_grid is not None:
             self.live_grid.resume(self.graph)
-        self._resumed_ns = state.end_ns
+        self.resumed_ns = state.end_ns
 
     @property
     def counters(self) -> MappingCounters:
@@ -114,7 +115,7 @@ class Mapper:
 
     def add_scan(self, scan: LaserScan) -> list[MappedScan]:
         """Take in a scan; return what could be mapped: it waits while wheel odometry for its time is on the way."""
-        if self._resumed_ns is not None and scan.stamp_ns <= self._resumed_ns:
+        if self.resumed_ns is not None and scan.stamp_ns <= self.resumed_ns:
             raise MappingError(
                 "the scans are older than the end of the run to go on from: is the clock of this computer set?"
             )

@@ -40,8 +40,10 @@ def read_state(path: Path) -> GraphState:
             arrays: dict[str, NDArray[np.generic]] = {name: stored[name] for name in stored.files}
     except FileNotFoundError as error:
         raise MapFileError(f"{file}: no such file: name the folder of a run that saved its state") from error
+    except IsADirectoryError as error:
+        raise MapFileError(f"{file}: a folder: name {STATE_NAME} or the folder of a run") from error
     except (OSError, ValueError, TypeError, AttributeError, zipfile.BadZipFile, EOFError) as error:
-        raise MapFileError(f"{file}: not a readable state of a run: {error}") from error
+        raise MapFileError(f"{file}: not the state of a run, or a damaged one: name the folder of a run") from error
     version = arrays.pop("format", None)
     if version is None or int(version) != _FORMAT:
         raise MapFileError(f"{file}: a state of format {version}, this program reads {_FORMAT}: map anew with `replay`")

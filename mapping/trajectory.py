@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.errors import TrajectoryError
+from mapping.errors import TrajectoryError, unreadable
 
 FloatArray = NDArray[np.float64]
 StampArray = NDArray[np.int64]
@@ -71,7 +71,7 @@ def read_tum(path: Path) -> Trajectory:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise TrajectoryError(f"{path}: cannot read the trajectory: {error}") from error
+        raise TrajectoryError(f"{path}: cannot read the trajectory: {unreadable(error)}") from error
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue

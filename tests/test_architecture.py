@@ -14,7 +14,11 @@ PACKAGES = ("drivers", "mapping", "fusion", "planning", "tools")
 
 # Third-party package -> the modules that may import it: a device, a format or an engine is adapted in one place.
 ADAPTERS = {
-    "kiss_icp": {"mapping.odometry", "tools.slam_peers"},  # the peer is its own pipeline, run beside for comparison
+    "kiss_icp": {
+        "mapping.odometry",
+        "mapping.cloud_odometry",  # in space, where the other is planar
+        "tools.slam_peers",  # the peer is its own pipeline, run beside for comparison
+    },
     "matplotlib": {"tools.plots"},
     "mcap": {"drivers.recording_mcap"},
     "ompl": {"planning.planner"},

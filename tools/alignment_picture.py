@@ -23,6 +23,7 @@ WIDTH_PX, HEIGHT_PX = 1600, 1000
 VERDICT_COLORS_BGR = MappingProxyType({"accepted": (94, 120, 0), "refused": (50, 20, 175), "ambiguous": (0, 105, 185)})
 _PAPER_BGR, _PALE_INK_BGR, _RULE_BGR = (255, 255, 255), (110, 110, 110), (205, 205, 205)
 _EDGE_PX, _GAP_PX = 16, 12
+_REASON_SIZES = ((0.7, 25, 3), (0.55, 17, 4), (0.45, 14, 5))  # of letters, px a line, lines
 _TOP_PX, _BOTTOM_PX = 142, 940  # of the main panel
 _MAIN_PX, _SIDE_PX = 1040, 512  # widths
 _BADGE_PX = 384
@@ -75,8 +76,14 @@ def _draw_header(page: Image, view: AlignmentView) -> None:
         write_text(page, text, (x, base), scale, _PAPER_BGR, bold=True)
     x, width = _EDGE_PX + _BADGE_PX + 24, WIDTH_PX - 2 * _EDGE_PX - _BADGE_PX - 24
     write_text(page, fitted(headline(view), width, 0.85, bold=True), (x, 36), 0.85, bold=True)
-    for number, line in enumerate(wrapped(f"Why: {view.reason}", width, 0.7, 3)):
-        write_text(page, line, (x, 66 + 25 * number), 0.7)
+    scale, step_px, lines = next(
+        (scale, step_px, lines)
+        for scale, step_px, most in _REASON_SIZES
+        if not (lines := wrapped(f"Why: {view.reason}", width, scale, most))[-1].endswith("...")
+        or most == _REASON_SIZES[-1][2]
+    )
+    for number, line in enumerate(lines):
+        write_text(page, line, (x, 62 + step_px * number), scale)
 
 
 def _draw_unplaced(page: Image, a: OccupancyGrid, b: OccupancyGrid, view: AlignmentView, width_px: int) -> None:
@@ -98,7 +105,7 @@ def _draw_places(page: Image, a: OccupancyGrid, b: OccupancyGrid, view: Alignmen
         corner = (_EDGE_PX, _TOP_PX)
         places = (("best", T_a_b, view.probability, marks), ("2nd best", second, probability, OverlayMarks()))
         for name, pose, chance, drawn in places:
-            title = f"{name} place" + ("" if chance is None else f" ({percent(chance)})") + f": {pose_text(pose)}"
+            title = name + ("" if chance is None else f" ({percent(chance)})") + f": {pose_text(pose)}"
             _place(page, overlay_panel(a, b, pose, shape, drawn), corner, title, color, 4)
             right, below = corner[0] + shape[1] + _GAP_PX, corner[1] + shape[0] + _TITLE_PX
             corner = (right, corner[1]) if shape[1] < _MAIN_PX else (corner[0], below)
@@ -207,5 +214,5 @@ def _map_title(view: AlignmentView, number: int, grid: OccupancyGrid) -> str:
     """Return the map's name and size."""
     box = view_of(grid)
     width_m, height_m = (box.high - box.low).tolist()
-    name = f"{'AB'[number]}: {view.names[number]}" if view.names else f"map {'AB'[number]}"
-    return f"{name}, {width_m:.3g} x {height_m:.3g} m"
+    size = f"{'AB'[number]}, {width_m:.3g} x {height_m:.3g} m"
+    return f"{size}: {view.names[number]}" if view.names else f"map {size}"

@@ -102,7 +102,7 @@ def figures(view: AlignmentView, T_a_b: FloatArray) -> list[tuple[str, str]]:
 def pose_text(pose: FloatArray) -> str:
     """Return a pose (3,) in m and rad as a person reads it."""
     x, y, yaw = pose.tolist()
-    return f"x {x:.2f} m, y {y:.2f} m, turned by {math.degrees(yaw):.1f} deg"
+    return f"x {x:.2f} m, y {y:.2f} m, {math.degrees(yaw):.1f} deg"
 
 
 def percent(share: float) -> str:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from drivers.depth_camera import DepthCamera
 from drivers.depth_discovery import DepthSearch, find_depth_nodes
 from drivers.messages import DepthImage
+from drivers.reconnecting_camera import ReconnectingCamera
 from drivers.system_calls import LinuxSystemCalls
 from tools.clock import RunClock
 from tools.config import Config
@@ -85,12 +85,12 @@ def check_camera(port: str, config: Config, frames: int, sysfs: Path = Path("/sy
         )
 
 
-def _captured(camera: DepthCamera, frames: int) -> Iterator[DepthImage]:
+def _captured(camera: ReconnectingCamera, frames: int) -> Iterator[DepthImage]:
     return islice(camera, frames) if frames else iter(())
 
 
 def _advice(
-    valid_share: float | None, rate_hz: float | None, fps: int, slow_nodes: list[str], camera: DepthCamera
+    valid_share: float | None, rate_hz: float | None, fps: int, slow_nodes: list[str], camera: ReconnectingCamera
 ) -> list[str]:
     counters = camera.counters
     advice = [f"{path}: on USB 2: use a USB 3 port and cable for full modes" for path in slow_nodes]

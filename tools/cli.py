@@ -46,8 +46,11 @@ from tools.commands import (
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
 
+_NAME = "mapfuse-robot"
+_PARSER_ERROR: type[typer.BadParameter] = typer.BadParameter.__mro__[1]  # the base of all: typer names only this one
+
 app = typer.Typer(
-    name="mapfuse-robot",
+    name=_NAME,
     help="Maps a building with the lidars of small cars, live or from recordings, joins their maps and plans on them.",
     no_args_is_help=True,
     add_completion=False,
@@ -106,9 +109,13 @@ def main() -> None:
     """Run the command line and exit: a known error becomes one line on stderr, an unknown one a traceback."""
     try:
         try:
-            app()
+            code = app(prog_name=_NAME, standalone_mode=False)
         finally:
             sys.stdout.flush()
+    except _PARSER_ERROR as error:
+        _refuse_words(error)
+    except typer.Abort:
+        _fail("given up", ExitCode.FAILED)
     except DriverError as error:
         _fail(error, ExitCode.DEVICE)
     except UsageError as error:
@@ -117,10 +124,19 @@ def main() -> None:
         _fail(error, ExitCode.FAILED)
     except OSError as error:
         _fail(_refused_by_system(error), ExitCode.FAILED)
-    except SystemExit as end:
-        if end.code == ExitCode.CUT_OFF:
-            _fail("interrupted", ExitCode.CUT_OFF)
-        raise
+    if code == ExitCode.CUT_OFF:
+        _fail("interrupted", ExitCode.CUT_OFF)
+    sys.exit(code or ExitCode.OK)
+
+
+def _refuse_words(error: typer.BadParameter) -> NoReturn:
+    """Exit for words that are no command, option or value of one; a group alone shows its help."""
+    if type(error).__name__ == "NoArgsIsHelpError":
+        error.show()
+        sys.exit(ExitCode.USAGE)
+    words = " ".join(error.format_message().split()).rstrip(".")
+    command = _NAME if error.ctx is None else error.ctx.command_path
+    _fail(f"{words}: see {command} -h", ExitCode.USAGE)
 
 
 def _refused_by_system(error: OSError) -> str:
@@ -135,7 +151,7 @@ def _refused_by_system(error: OSError) -> str:
 
 def _fail(error: object, code: ExitCode) -> NoReturn:
     """Print the error as one line and exit."""
-    typer.echo(f"mapfuse-robot: {error}", err=True)
+    typer.echo(f"{_NAME}: {error}", err=True)
     sys.exit(code)
 
 

@@ -20,6 +20,7 @@ from mapping.depth_sensor_model import DepthModel
 from mapping.depth_views import ViewSettings
 from mapping.front_end import KeyframeSettings
 from mapping.graph_slam import GraphSettings
+from mapping.map_yaml import yaml_fault
 from mapping.mount import Mount
 from mapping.odometry import OdometrySettings
 from mapping.sensor_models import LidarModel
@@ -84,9 +85,18 @@ class DepthSection(_Section):
     camera_info: str | None = Field(
         None, description="YAML with the intrinsics, for a camera that does not tell them; a RealSense does"
     )
+    regain_s: float = Field(
+        60.0, ge=0, description="a camera alone that is lost is looked for so long; beside a lidar until the run ends"
+    )
     mount: CameraMountSection = CameraMountSection()
-    tilt: Literal["mount", "recorded"] = Field(
-        "mount", description="of the camera; recorded: from poses in the recording, as for one held in the hand"
+    odometry: Literal["scan", "cloud"] = Field(
+        "scan",
+        description="of a camera alone; scan: what is in its band of heights, for a car; cloud: all points, in space",
+    )
+    tilt: Literal["mount", "recorded", "tracked"] = Field(
+        "mount",
+        description="of the camera; recorded: from poses in the recording, as for one held in the hand; tracked: so for"
+        " its first image (the mount's where no pose is recorded), from there on by odometry on clouds",
     )
     bottom_m: float = Field(_SCAN.bottom_m, gt=0, description="obstacles stand above this height over the floor")
     top_m: float = Field(_SCAN.top_m, gt=0, description="and below this one")
@@ -104,6 +114,12 @@ class DepthSection(_Section):
     def _is_a_band(self) -> Self:
         if self.bottom_m >= self.top_m:
             raise ValueError(f"bottom_m {self.bottom_m} is not below top_m {self.top_m}")
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_tracked(self) -> Self:
+        if self.tilt == "tracked" and self.odometry != "cloud":
+            raise ValueError("tilt: tracked needs odometry: cloud, as only that knows how the camera turns in space")
         return self
 
 
@@ -180,21 +196,22 @@ class Config(_Section):
     slam: SlamSection = SlamSection()
     grid: GridSection = GridSection()
 
-    def mapping_settings(self) -> MappingSettings:
-        """Return what mapping needs of this."""
+    def mapping_settings(self, *, tracked: bool = False) -> MappingSettings:
+        """Return what mapping needs of this; tracked: the poses come from elsewhere and are taken as they are."""
+        matches = self.odometry.source == "kiss" and not tracked
         odometry = self.odometry.model_dump(exclude={"source", "use_wheel_odometry", "wheel_wait_s"})
         return MappingSettings(
             resolution_m=self.grid.resolution_m,
             odometry=OdometrySettings(**odometry),
             keyframes=KeyframeSettings(distance_m=self.slam.keyframe_distance_m, turn_rad=self.slam.keyframe_turn_rad),
             graph=GraphSettings(
-                loop_closure=self.slam.loop_closure and self.odometry.source != "recorded",
+                loop_closure=self.slam.loop_closure and self.odometry.source != "recorded" and not tracked,
                 delay=self.slam.delay_keyframes,
-                refine_on_the_way=self.slam.refine and self.odometry.source == "kiss",
+                refine_on_the_way=self.slam.refine and matches,
             ),
             lidar_model=LidarModel(**self.grid.model_dump(exclude={"resolution_m", "live_s"})),
-            use_wheel_odometry=self.odometry.use_wheel_odometry or self.odometry.source != "kiss",
-            wheels_only=self.odometry.source != "kiss",
+            use_wheel_odometry=self.odometry.use_wheel_odometry or not matches,
+            wheels_only=not matches,
             wheel_wait_s=self.odometry.wheel_wait_s,
             scan_every=self.slam.scan_every,
         )
@@ -225,9 +242,11 @@ class Config(_Section):
             return self
         if resolution_m is not None and cells_per_meter is not None:
             raise ConfigError("--resolution and --cells-per-meter say the same thing twice: give one")
+        option = f"--resolution {resolution_m}"
         if cells_per_meter is not None:
+            option = f"--cells-per-meter {cells_per_meter}"
             resolution_m = 1.0 / cells_per_meter if cells_per_meter > 0 else math.nan
-        return parse({**self.model_dump(), "grid": {**self.grid.model_dump(), "resolution_m": resolution_m}}, "options")
+        return parse({**self.model_dump(), "grid": {**self.grid.model_dump(), "resolution_m": resolution_m}}, option)
 
     def with_slam(self, *, loop_closure: bool | None, refine: bool | None, scan_every: int | None) -> Config:
         """Return a copy with what is given changed in the section `slam`."""
@@ -254,6 +273,9 @@ def parse(values: object, origin: str) -> Config:
         if first["type"] == "extra_forbidden":
             known = ", ".join(_known_keys(path[:-1]))
             problem = f"unknown key '{'.'.join(path)}'; known here: {known}"
+        elif first["type"] == "model_type":
+            known = ", ".join(_known_keys(path))
+            problem = f"{'.'.join(path)}: expected keys below it, of {known}; got {first['input']!r}"
         else:
             problem = f"{'.'.join(path)}: {first['msg'].lower()}, got {first['input']!r}"
         raise ConfigError(f"{origin}: {problem}") from error
@@ -268,7 +290,7 @@ def load(path: Path | None) -> Config:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the configuration: {error.strerror}") from error
     except (YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not YAML: {str(error).splitlines()[0]}") from error
+        raise ConfigError(f"{path}: not YAML: {yaml_fault(error)}") from error
     return parse({} if values is None else values, str(path))
 
 

@@ -7,7 +7,9 @@ from dataclasses import asdict
 
 import numpy as np
 
-from drivers.messages import DepthImage, LaserScan
+from drivers.messages import DepthImage, Message, Odometry
+from mapping.camera_tracking import CameraTracking
+from mapping.cloud_odometry import CloudSettings
 from mapping.depth_projection import CameraMount, Projection
 from mapping.depth_views import DepthViews
 from mapping.grid import OccupancyGrid
@@ -22,7 +24,7 @@ class DepthFlow:
     """Takes in depth images; `views` takes in the poses.
 
     mount_of: where the camera sat when it took an image. alone: there is no lidar, so that each image becomes a scan
-    that the car is located by.
+    that the car is located by, or has a pose of its own already: `tracks`.
     """
 
     def __init__(
@@ -41,16 +43,30 @@ class DepthFlow:
         self._locate_range_m = config.depth.locate_range_m
         self._mount_of = mount_of
         self._projection = best_projection() if projection is None else projection
+        by_clouds = config.depth.odometry == "cloud" and config.odometry.source == "kiss"
+        self._tracking = (
+            CameraTracking(CloudSettings(), in_hand=config.depth.tilt == "tracked") if alone and by_clouds else None
+        )
 
-    def add_image(self, image: DepthImage) -> LaserScan | None:
-        """Take in an image; return the scan to locate the car by, None where a lidar does that."""
-        mount = self._mount_of(image)
+    @property
+    def tracks(self) -> bool:
+        """Whether poses come from here, which nothing else may change."""
+        return self._tracking is not None
+
+    def add_image(self, image: DepthImage) -> list[Message]:
+        """Take in an image; return the pose, and the scan to locate the car by: nothing where a lidar does that."""
+        mount, poses = self._mount_of(image), list[Message]()
         if not self.alone:
             self.views.add_frame(image.stamp_ns, lambda: self._scan(image, mount))
-            return None
+            return []
+        if self._tracking is not None:
+            tracked = self._tracking.add(image, mount)
+            mount = tracked.mount
+            if tracked.pose is not None:
+                poses = [Odometry(image.stamp_ns, tracked.pose, np.zeros(3), "odom", "base_link")]
         seen = self._scan(image, mount)
         self.views.add_frame(image.stamp_ns, lambda: seen)
-        return seen.to_laser_scan(range_max_m=self._locate_range_m)
+        return [*poses, seen.to_laser_scan(range_max_m=self._locate_range_m)]
 
     def grid(self, trajectory: Trajectory) -> OccupancyGrid:
         """Return the map of what the camera saw along a trajectory."""

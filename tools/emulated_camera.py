@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from drivers.d435_emulated_firmware import emulated_pinhole
 from drivers.d435_emulator import D435Emulator
 from drivers.errors import PortMissingError
+from drivers.wording import fault_in
 from mapping.depth_projection import CameraMount
 from mapping.errors import MappingError
 from mapping.trajectory import Trajectory
@@ -53,7 +54,7 @@ class EmulatedCar:
         except OSError as error:
             raise PortMissingError(f"{path}: no emulated car: {error.strerror}: start `emulate lidar --car`") from error
         except (ValueError, KeyError, TypeError) as error:
-            raise PortMissingError(f"{path}: not the file of an emulated car: {error!r}") from error
+            raise PortMissingError(f"{path}: not the file of an emulated car: {fault_in(error)}") from error
 
     def write(self, path: Path) -> None:
         """Write a car's file, whole or not at all; raises OSError."""

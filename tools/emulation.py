@@ -18,6 +18,7 @@ from mapping.trajectory import Trajectory, read_tum, write_tum
 from tools.clock import RunClock
 from tools.config import Config
 from tools.emulated_camera import EmulatedCar
+from tools.errors import UsageError
 from tools.results import writing_to
 from tools.simulator import SimulatedLidar, drive_along
 from tools.world import TOURS, load_world
@@ -57,8 +58,15 @@ class Drive:
 
 
 def simulated_lidar(world: str, drive: Drive, *, noise: bool, seed: int) -> SimulatedLidar:
-    """Return the laser of the emulated car, where the default configuration has it; raises MapFileError."""
+    """Return the laser of the emulated car, where the default configuration has it.
+
+    Raises MapFileError, and UsageError for a drive that cannot begin where it does.
+    """
     walls = load_world(world)
+    x_m, y_m, _ = drive.truth.poses[0].tolist()
+    objection = walls.objection(x_m, y_m)
+    if objection is not None:
+        raise UsageError(f"{drive.name} at x {x_m:g} m, y {y_m:g} m in {world}: {objection}: begin elsewhere")
     walls.ranges(np.zeros((1, 3)), np.zeros(1), 1.0)  # loads compiled code before the first client comes
     return SimulatedLidar(
         walls,

@@ -14,6 +14,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.wording import fault_in
 from fusion.evaluation import error_at_points
 from fusion.evidence import TRENDS, different_places, judged_places
 from fusion.identity import precedes
@@ -116,7 +117,7 @@ def read_pools(path: Path, seed: int) -> dict[str, HypothesisPool]:
                 for key, building, true, features, right, square, size in parts
             }
     except (OSError, EOFError, ValueError, KeyError) as error:
-        raise ToolError(f"{path}: no cache of pools ({error!r}): delete it, or name another") from error
+        raise ToolError(f"{path}: no cache of pools ({fault_in(error)}): delete it, or name another") from error
 
 
 def write_pools(path: Path, pools: Sequence[HypothesisPool], seed: int) -> None:

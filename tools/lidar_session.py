@@ -32,7 +32,7 @@ from tools.pipeline import (
     warm_up,
 )
 from tools.replay_run import CONFIG_RECORD
-from tools.results import Report, decoding_summary, grid_snapshot, lost_pieces, save_results
+from tools.results import Report, decoding_summary, grid_snapshot, remarks, save_results
 from tools.signals import Stop
 
 log = logging.getLogger(__name__)
@@ -101,7 +101,7 @@ def run_session(
         log.info("saved; refining the map (Ctrl-C again to leave that out)")
         if flow.refine(lambda: stop.asked > asked):
             report = save_results(folder, flow, source, details, save_state=True)
-    for line in lost_pieces(report):
+    for line in remarks(report):
         log.warning("%s", line)
     _log_end(report, folder)
     return report, outcome.fault

@@ -92,10 +92,10 @@ def _arrival_ns(message: Message) -> int | None:
     return message.stamp_ns
 
 
-class _Latency:
+class ScanLatency:
     """Notes when a scan came in, and how long after that its pose was there."""
 
-    def __init__(self, sweep_reversed: bool) -> None:
+    def __init__(self, *, sweep_reversed: bool) -> None:
         self.seconds: list[float] = []
         self._sweep_reversed = sweep_reversed
         self._arrived: dict[int, float] = {}
@@ -123,7 +123,7 @@ def bench_live(path: Path, config: Config | None, most_s: float) -> LiveCost:
         flow = MappingFlow(
             settings, setup.mount, sweep_reversed=setup.sweep.is_reversed, background=background, live=True
         )
-        latency = _Latency(setup.sweep.is_reversed)
+        latency = ScanLatency(sweep_reversed=setup.sweep.is_reversed)
         source = PacedSource(partial(_messages_of, path, settings.replay.scan_topic), most_s)
         reset_peak()
         began, cpu_began = time.monotonic(), time.process_time()

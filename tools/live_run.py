@@ -169,7 +169,7 @@ class LiveReading:
         camera = self._camera
         if camera is not None and camera is not self._first and camera.fault is not None and not self._told:
             self._told = True
-            log.warning("the run goes on without the camera: %s", camera.fault)
+            log.warning("the images of the camera end before the run: %s", camera.fault)
 
 
 def run_live(

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -14,6 +15,7 @@ from drivers.d435_emulated_firmware import is_emulated_camera
 from drivers.depth_camera import DepthCamera, DepthMode, open_depth_camera
 from drivers.depth_discovery import find_depth_nodes
 from drivers.messages import LidarStream, Transform
+from drivers.reconnecting_camera import ReconnectingCamera
 from drivers.rotations import quaternion
 from drivers.rplidar import Rplidar, open_rplidar
 from drivers.rplidar_models import is_emulated
@@ -35,7 +37,7 @@ class LiveSensors:
 
     lidar: Rplidar | None
     stream: LidarStream | None
-    camera: DepthCamera | None
+    camera: ReconnectingCamera | None
     places: tuple[Transform, ...]
 
     def close(self) -> None:
@@ -74,6 +76,7 @@ class LiveSensors:
                 "mode": f"{info.mode.width}x{info.mode.height} at {info.mode.fps} Hz",
                 "calibration": info.calibration.source.value,
                 **{field.name: getattr(counters, field.name) for field in fields(counters)},
+                "losses": self.camera.losses,
             }
         return summary
 
@@ -87,7 +90,10 @@ def started_sensors(
     Raises DriverError. The camera streams once it is iterated.
     """
     with ExitStack() as opened:
-        camera = None if camera_port is None else opened.enter_context(open_camera(camera_port, config, clock))
+        patience_s = config.depth.regain_s if lidar_port is None else math.inf
+        camera = None
+        if camera_port is not None:
+            camera = opened.enter_context(open_camera(camera_port, config, clock, patience_s=patience_s))
         lidar, stream = None, None
         if lidar_port is not None:
             lidar = opened.enter_context(open_rplidar(lidar_port, baud=config.lidar.baud, clock=clock))
@@ -99,24 +105,25 @@ def started_sensors(
         yield LiveSensors(lidar, stream, camera, tuple(places))
 
 
-def open_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
-    """Open the camera that the command line names: auto, a node or an emulated one. Raises DriverError."""
+def open_camera(port: str, config: Config, clock: RunClock, *, patience_s: float = 0.0) -> ReconnectingCamera:
+    """Open the camera that the command line names: auto, a node or an emulated one. Raises DriverError.
+
+    patience_s: how long it is looked for when it is lost later.
+    """
     section = config.depth
     mode = DepthMode(section.width, section.height, section.fps)
-    calls: SystemCalls
-    if port.startswith(EMULATED):
-        emulator = emulated_camera(port, (section.width, section.height), config.camera_mount())
-        calls, path = emulator, emulator.path
-    else:
-        calls = LinuxSystemCalls()
-        path = find_depth_nodes(calls).choose().path if port == AUTO else port
-    camera = open_depth_camera(
-        path,
-        mode,
-        camera_info=None if section.camera_info is None else Path(section.camera_info),
-        wall_offset_ns=clock.offset_ns,
-        calls=calls,
-    )
+    calls, find_path = _camera_system(port, config)
+
+    def open_once() -> DepthCamera:
+        return open_depth_camera(
+            find_path(),
+            mode,
+            camera_info=None if section.camera_info is None else Path(section.camera_info),
+            wall_offset_ns=clock.offset_ns,
+            calls=calls,
+        )
+
+    camera = ReconnectingCamera(open_once, patience_s=patience_s)
     log.info(
         "%s at %s%s: %dx%d at %d Hz, intrinsics from %s",
         camera.info.card,
@@ -130,7 +137,16 @@ def open_camera(port: str, config: Config, clock: RunClock) -> DepthCamera:
     return camera
 
 
-def is_simulated_camera(camera: DepthCamera) -> bool:
+def _camera_system(port: str, config: Config) -> tuple[SystemCalls, Callable[[], str]]:
+    """Return whom the driver asks, and what finds the node: it may have another number each time it is plugged in."""
+    if port.startswith(EMULATED):
+        emulator = emulated_camera(port, (config.depth.width, config.depth.height), config.camera_mount())
+        return emulator, lambda: emulator.path
+    calls = LinuxSystemCalls()
+    return calls, lambda: find_depth_nodes(calls).choose().path if port == AUTO else port
+
+
+def is_simulated_camera(camera: DepthCamera | ReconnectingCamera) -> bool:
     """Whether the camera is an emulated one."""
     return camera.info.version is not None and is_emulated_camera(camera.info.version.serial)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.map_io import read_map
+from mapping.map_io import read_map_with_warnings
 from mapping.map_tracking import MapLocaliser
 from mapping.reference_map import reference_map
 from mapping.slam import MappedScan
@@ -25,7 +25,10 @@ class Localisation:
 
     def __init__(self, map_file: Path, sensor: FloatArray) -> None:
         self._file = map_file
-        self._localiser = MapLocaliser(reference_map(read_map(map_file)), sensor)
+        loaded = read_map_with_warnings(map_file)
+        for warning in loaded.warnings:
+            log.warning("%s", warning)
+        self._localiser = MapLocaliser(reference_map(loaded.grid), sensor)
         self._stamps: list[int] = []
         self._poses: list[FloatArray] = []
         self._by_odometry = 0
@@ -61,6 +64,8 @@ class Localisation:
         trajectory = Trajectory(np.array(self._stamps, dtype=np.int64), np.array(self._poses).reshape(-1, 3))
         if len(trajectory):
             write_tum(folder / LOCALISED_NAME, trajectory)
+        else:
+            log.warning("%s: the car was NOT found on this map: %s", self._file, self._localiser.reason)
         return {
             "map": str(self._file),
             "found": len(trajectory) > 0,

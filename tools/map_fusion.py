@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import logging
 import math
-import re
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -24,11 +23,11 @@ from mapping.map_io import read_map_with_warnings, write_map
 from tools.alignment_picture import AlignmentView, draw_alignment
 from tools.errors import UsageError
 from tools.pictures import draw_map, write_picture
+from tools.result_folder import FUSED, check_result_folder, new_results
 from tools.results import FloatArray, Report, check_run_folder, new_run_folder, writing_to
 
 log = logging.getLogger(__name__)
 _MOST_MAPS = 2
-_GLOBAL_FILE = re.compile(r"global_(\d+)\.(yaml|pgm|npz|png)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -119,7 +118,7 @@ def fuse_maps(
     """
     if len(files) > _MOST_MAPS:
         raise UsageError(f"{len(files)} maps given: this release fuses two at a time; fuse the result with the next")
-    check_run_folder(output)
+    check_result_folder(output, FUSED, files)
     grids = [_load(path) for path in files]
     usable = [number for number, grid in enumerate(grids) if grid.known.any()]
     for number in sorted(set(range(len(files))) - set(usable)):
@@ -133,7 +132,7 @@ def fuse_maps(
         "settings": registration.settings_report(),
         "seed": seed,
     }
-    folder = new_run_folder(output)
+    folder = new_results(output, FUSED)
     _save(folder, groups, report)
     return folder, report
 
@@ -207,12 +206,8 @@ def _map_entry(file: str, number: int, groups: Sequence[_Group]) -> Report:
 
 
 def _save(folder: Path, groups: Sequence[_Group], report: Report) -> None:
-    """Write the global maps, and take away those of an earlier, larger result."""
+    """Write the global maps and the report."""
     with writing_to(folder):
-        for path in folder.iterdir():
-            match = _GLOBAL_FILE.fullmatch(path.name)
-            if match and int(match.group(1)) >= len(groups):
-                path.unlink()
         for k, group in enumerate(groups):
             sources = [entry["file"] for entry in report["maps"] if entry["group"] == k]
             write_map(folder / f"global_{k}", group.grid, provenance={"source": " + ".join(sorted(sources))})

@@ -23,13 +23,12 @@ from tools.map_overlay import (
     view_of,
     view_of_both,
 )
-from tools.pictures import Image
+from tools.pictures import Image, cell_shades
 
 FloatArray = NDArray[np.float64]
 Color = tuple[int, int, int]
 
 MARK_BGR: Color = (150, 40, 120)  # purple: features and the slide
-_UNKNOWN_GRAY = 205  # as a map_server has it
 _MOST_FEATURES = 300
 _SHORTEST_SLIDE_PX = 26.0
 _ROUND_M = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000)
@@ -80,8 +79,7 @@ def single_panel(
     """Return a map in its own frame as a map_server shows it; what the other map has seen too is outlined."""
     raster = raster_for(view_of(grid), shape)
     cells = seen_on(grid, se2.IDENTITY, raster)
-    shades = np.where(cells != 0.0, 255.0 / (1.0 + np.exp(cells)), _UNKNOWN_GRAY).astype(np.uint8)
-    image = np.asarray(cv2.cvtColor(np.ascontiguousarray(shades[::-1]), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    image = np.asarray(cv2.cvtColor(np.ascontiguousarray(cell_shades(cells)[::-1]), cv2.COLOR_GRAY2BGR), dtype=np.uint8)
     if other is not None and T_map_other is not None:
         common = (cells != 0.0) & (seen_on(other, T_map_other, raster) != 0.0)
         solid = cv2.morphologyEx(common[::-1].astype(np.uint8), cv2.MORPH_CLOSE, np.ones((7, 7), np.uint8))

@@ -1,9 +1,11 @@
-"""Work in a process of its own, so that what it measures of itself holds nothing of what ran before; and its memory."""
+"""Work in a process of its own, so that what it measures of itself holds nothing of what ran before; what it takes."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
+import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -64,3 +66,20 @@ def reset_peak() -> bool:
     finally:
         os.close(descriptor)
     return True
+
+
+def thread_times() -> dict[str, float]:
+    """Return the CPU seconds so far of this process's Python threads, by their names up to the first underscore."""
+    times: dict[str, float] = {}
+    for thread in threading.enumerate():
+        if thread.ident is not None:
+            name = thread.name.partition("_")[0]
+            times[name] = times.get(name, 0.0) + time.clock_gettime(time.pthread_getcpuclockid(thread.ident))
+    return times
+
+
+def limit_to(cores: int) -> int:
+    """Let this process, and what it starts, run on so many cores at the most; return how many it has."""
+    allowed = sorted(os.sched_getaffinity(0))[:cores]
+    os.sched_setaffinity(0, allowed)
+    return len(allowed)

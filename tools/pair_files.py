@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.wording import fault_in
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
 from tools.errors import ToolError
@@ -71,7 +72,9 @@ def read_pairs(folder: Path) -> list[MapPair]:
         reason = error.strerror or error
         raise ToolError(f"{path}: {reason}: name a folder that `mapfuse-robot pairs` wrote") from error
     except ValueError as error:
-        raise ToolError(f"{path}: not JSON ({error}): name a folder that `mapfuse-robot pairs` wrote") from error
+        raise ToolError(
+            f"{path}: not JSON ({fault_in(error)}): name a folder that `mapfuse-robot pairs` wrote"
+        ) from error
     if not isinstance(content, dict) or content.get("format") != _FORMAT or content.get("version") != _VERSION:
         raise ToolError(f"{path}: not a pair list: expected format {_FORMAT}, version {_VERSION}")
     pairs = content.get("pairs")
@@ -82,7 +85,7 @@ def read_pairs(folder: Path) -> list[MapPair]:
         try:
             read.append(_pair_of(entry, folder))
         except (KeyError, TypeError, ValueError) as error:
-            raise ToolError(f"{path}: pair {number} is not whole: {error!r}: make the list anew") from error
+            raise ToolError(f"{path}: pair {number} is not whole: {fault_in(error)}: make the list anew") from error
     return read
 
 

@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.graph_slam import PoseGraph
-from mapping.grid import OccupancyGrid
+from mapping.grid import LogOdds, OccupancyGrid
 from mapping.trajectory import Trajectory
 
+FloatArray = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 _UNKNOWN_GRAY = 205
+_LEAST_FREE_GRAY, _LEAST_WALL_GRAY, _PALE_WALL_GRAY = 225, 185, 145
+_MARGIN_CELLS = 6
+_MOST_ROOM_CELLS = 4000
 _LONG_SIDE_PX = 1200
 _PATH_BGR = (60, 60, 220)
 _START_BGR = (60, 160, 40)
@@ -25,14 +29,9 @@ _INK_BGR = (40, 40, 40)
 
 def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image:
     """Return a BGR picture (H, W, 3): walls dark, free white, y up, the path red with a green dot at its start."""
-    shades = np.where(grid.known, 255.0 * (1.0 - grid.probability), _UNKNOWN_GRAY).astype(np.uint8)
-    scale = max(1, round(_LONG_SIDE_PX / max(shades.shape)))
-    upright = np.ascontiguousarray(np.flipud(shades))
-    enlarged = cv2.resize(upright, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
-    image = np.asarray(cv2.cvtColor(enlarged, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    if trajectory is not None and len(trajectory):
-        cells = grid.cell_coordinates(trajectory.poses[:, :2])
-        pixels = np.column_stack([cells[:, 0], grid.log_odds.shape[0] - cells[:, 1]]) * scale
+    path = np.zeros((0, 2)) if trajectory is None else trajectory.poses[:, :2]
+    image, pixels, scale = _drawn(grid, path, darkest=0)
+    if len(pixels):
         shifted = np.round(pixels * 16).astype(np.int32)  # 4 fractional bits
         cv2.polylines(image, [shifted], False, _PATH_BGR, min(scale, 2), cv2.LINE_AA, 4)
         start_x, start_y = pixels[0].round().astype(int).tolist()
@@ -42,12 +41,7 @@ def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image
 
 def draw_pose_graph(grid: OccupancyGrid, graph: PoseGraph) -> Image:
     """Return the map, pale, with the keyframes (dots), the front end's steps (blue) and loop closures (orange)."""
-    shades = np.where(grid.known, 255.0 - 110.0 * grid.probability, _UNKNOWN_GRAY).astype(np.uint8)
-    scale = max(1, round(_LONG_SIDE_PX / max(shades.shape)))
-    enlarged = cv2.resize(np.flipud(shades), None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
-    image = np.asarray(cv2.cvtColor(enlarged, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    cells = grid.cell_coordinates(graph.poses[:, :2])
-    pixels = np.column_stack([cells[:, 0], grid.log_odds.shape[0] - cells[:, 1]]) * scale
+    image, pixels, scale = _drawn(grid, graph.poses[:, :2], darkest=_PALE_WALL_GRAY)
     shifted = np.round(pixels * 16).astype(np.int32)
     for edges, color, width in ((graph.closures, _CLOSURE_BGR, 1), (graph.steps, _STEP_BGR, 1)):
         for first, second in edges.tolist():
@@ -55,6 +49,34 @@ def draw_pose_graph(grid: OccupancyGrid, graph: PoseGraph) -> Image:
     for x, y in shifted.tolist():
         cv2.circle(image, (x, y), 16 * 2, _STEP_BGR, cv2.FILLED, cv2.LINE_AA, 4)
     return _with_scale_bar(image, scale / grid.resolution_m)
+
+
+def cell_shades(log_odds: LogOdds, darkest: int = 0) -> Image:
+    """Return the gray of cells: unknown as a map_server has it, whatever is free lighter, whatever is a wall darker."""
+    probability = 1.0 / (1.0 + np.exp(-log_odds.astype(np.float64)))
+    free = _LEAST_FREE_GRAY + (255 - _LEAST_FREE_GRAY) * (1.0 - 2.0 * probability)
+    wall = _LEAST_WALL_GRAY - (_LEAST_WALL_GRAY - darkest) * (2.0 * probability - 1.0)
+    shades = np.where(log_odds == 0.0, _UNKNOWN_GRAY, np.where(probability < 0.5, free, wall))
+    return np.asarray(np.round(shades), dtype=np.uint8)
+
+
+def _drawn(grid: OccupancyGrid, points: FloatArray, darkest: int) -> tuple[Image, FloatArray, int]:
+    """Return the map with room for points (N, 2) of its frame, enlarged, their pixels (N, 2), and pixels a cell."""
+    rows, cols = grid.log_odds.shape
+    cells = grid.cell_coordinates(points)
+    reach = np.vstack([cells, [[0.0, 0.0], [cols, rows]]])
+    outside = np.maximum(-reach.min(axis=0), reach.max(axis=0) - (cols, rows)).max() > 0.0
+    margin = _MARGIN_CELLS if outside else 0
+    left, below = np.clip(np.ceil(-reach.min(axis=0)).astype(int) + margin, 0, _MOST_ROOM_CELLS).tolist()
+    beyond = np.ceil(reach.max(axis=0)).astype(int) - (cols, rows) + margin
+    right, above = np.clip(beyond, 0, _MOST_ROOM_CELLS).tolist()
+    roomy = np.pad(grid.log_odds, ((below, above), (left, right)))
+    scale = max(1, round(_LONG_SIDE_PX / max(roomy.shape)))
+    upright = np.ascontiguousarray(np.flipud(cell_shades(roomy, darkest)))
+    enlarged = cv2.resize(upright, None, fx=scale, fy=scale, interpolation=cv2.INTER_NEAREST)
+    image = np.asarray(cv2.cvtColor(enlarged, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    pixels = np.column_stack([cells[:, 0] + left, roomy.shape[0] - below - cells[:, 1]]) * scale
+    return image, pixels, scale
 
 
 def write_picture(path: Path, image: Image) -> None:

@@ -79,13 +79,14 @@ class MappingFlow:
         live: bool = False,
         depth: DepthFlow | None = None,
     ) -> None:
-        self.mapper = Mapper(config.mapping_settings(), mount, background, live=live)
+        tracked = depth is not None and depth.tracks
+        self.mapper = Mapper(config.mapping_settings(tracked=tracked), mount, background, live=live)
         if resume is not None:
             self.mapper.resume(resume)
         self.depth = depth
         self.refined = False
         self.scans = 0
-        self._wants_refinement = config.slam.refine and config.odometry.source == "kiss"
+        self._wants_refinement = config.slam.refine and config.odometry.source == "kiss" and not tracked
         self.seconds: list[float] = []
         self.finish_s = self.refine_s = 0.0
         self._sweep_reversed = sweep_reversed
@@ -94,21 +95,19 @@ class MappingFlow:
         """Take in one message; return the scans that could be mapped with it."""
         started = time.perf_counter()
         if isinstance(message, DepthImage) and self.depth is not None:
-            seen = self.depth.add_image(message)
-            if seen is None:
-                return []
-            message = seen
-        if isinstance(message, LaserScan):
-            self.scans += 1
-            mapped = self.mapper.add_scan(reverse_sweep(message) if self._sweep_reversed else message)
-        elif isinstance(message, Odometry):
-            mapped = self.mapper.add_odometry(message)
+            mapped = [scan for seen in self.depth.add_image(message) for scan in self._enter(seen)]
         else:
-            return []
+            mapped = self._enter(message)
         self._place_views(mapped)
         if mapped:
             self.seconds.append((time.perf_counter() - started) / len(mapped))
         return mapped
+
+    def _enter(self, message: Message) -> list[MappedScan]:
+        if isinstance(message, LaserScan):
+            self.scans += 1
+            return self.mapper.add_scan(reverse_sweep(message) if self._sweep_reversed else message)
+        return self.mapper.add_odometry(message) if isinstance(message, Odometry) else []
 
     def finish(self) -> list[MappedScan]:
         """Map what still waits and close the last loops; call once after the last message."""

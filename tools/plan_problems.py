@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.wording import fault_in
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
@@ -42,7 +43,7 @@ def evaluate_plans(
         files = {name: problems_file.with_name(f"{name}.yaml") for name in problems}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ToolError(
-            f"{problems_file}: not a file of planning problems ({error!r}): expected "
+            f"{problems_file}: not a file of planning problems ({fault_in(error)}): expected "
             "{map: [{start: [x, y, yaw], goal: [x, y, yaw], ref: m}, ...]}"
         ) from error
     grids = {name: read_map(file) for name, file in files.items()}

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.wording import counted
 from fusion.evidence import TRENDS
 from fusion.ranking import FORMAT, VERSION, Ranking, probabilities, ranking_from
 from tools.errors import ToolError
@@ -91,8 +92,8 @@ def held_out_scores(
     if len({right for _, _, right in judged}) < 2:
         buildings = len({name for pool in pools for name in pool.buildings})
         raise ToolError(
-            f"{len(pools)} pairs of {buildings} buildings: to calibrate, right and wrong results on buildings left out "
-            "are needed: give pairs of more buildings, and wrong ones"
+            f"{counted(len(pools), 'pair')} of {counted(buildings, 'building')}: to calibrate, right and wrong results "
+            "on buildings left out are needed: give pairs of more buildings, and wrong ones"
         )
     taken, scores, right = zip(*judged, strict=True)
     return HeldOut(rankings, taken, np.array(scores), np.array(right, np.bool_))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.carmen_lines import beam_angles
+from drivers.wording import fault_in
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.metrics import align_points
@@ -46,7 +47,7 @@ def read_corrected_log(path: Path, reach_m: float) -> PosedScans:
                 poses.append(values[count:])
                 points.append((ranges * np.array([np.cos(angles), np.sin(angles)])).T[valid])
     except (OSError, EOFError, ValueError, IndexError) as error:
-        raise ToolError(f"{path}: not a corrected CARMEN log: {error}") from error
+        raise ToolError(f"{path}: not a corrected CARMEN log: {fault_in(error)}") from error
     if not poses:
         raise ToolError(f"{path}: no FLASER line in it: give a CARMEN log with corrected poses")
     return PosedScans(building, np.array(poses), tuple(points), reach_m)
@@ -57,7 +58,7 @@ def read_text_grid(path: Path, resolution_m: float) -> OccupancyGrid:
     try:
         cells = np.loadtxt(path, ndmin=2)
     except (OSError, ValueError) as error:
-        raise ToolError(f"{path}: not a table of numbers: {error}") from error
+        raise ToolError(f"{path}: not a table of numbers: {fault_in(error)}") from error
     upright = np.flipud(cells)
     log_odds_of = np.select([upright == 0, upright == 255], [_SURE, -_SURE], 0.0)
     return OccupancyGrid(log_odds_of.astype(np.float32), resolution_m, np.zeros(3))
@@ -85,7 +86,7 @@ def halmstad_points(folder: Path, a: str, b: str) -> Correspondence:
         row = next(line.split(",") for line in lines if line.startswith(f"{a},{b},"))
         points_a, points_b = (np.load(folder / f"annotations/keypoints_{name}.npy") for name in (a, b))
     except (OSError, ValueError, StopIteration) as error:
-        raise ToolError(f"{folder}: no annotation of {a} and {b}: {error!r}") from error
+        raise ToolError(f"{folder}: no annotation of {a} and {b}: {fault_in(error)}") from error
     scale, turn = float(row[3]), np.radians(float(row[4]))
     moved = se2.transform_points(np.array([float(row[5]), float(row[6]), turn]), points_a * scale)
     apart = np.hypot(*(moved[:, np.newaxis] - points_b[np.newaxis]).transpose(2, 0, 1))

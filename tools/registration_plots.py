@@ -29,13 +29,15 @@ def draw_success(file: Path, report: Report) -> None:
     """Write a PNG of the shares of aligned and rightly accepted pairs in each group; ToolError without matplotlib."""
     plt = pyplot()
     shown = [(key, title) for key, title in _GROUPS if report[key]]
-    figure, axes = plt.subplots(1, max(len(shown), 1), figsize=(4.4 * max(len(shown), 1), 4.6), squeeze=False)
+    figure, axes = plt.subplots(1, max(len(shown), 1), figsize=(4.4 * max(len(shown), 2), 4.6), squeeze=False)
     for (key, title), axis in zip(shown, axes[0], strict=False):
         _draw_bars(axis, report[key])
         axis.set_title(title, fontsize=11)
     axes[0, 0].set_ylabel("share of the true pairs")
     if shown:
         axes[0, 0].legend(loc="lower left", fontsize=8)
+    else:
+        axes[0, 0].text(0.5, 0.5, "no true pairs", ha="center")
     false, true = report["false_merges"]["all"], report["true_pairs"]
     figure.suptitle(
         f"registration: {true['aligned']} of {true['pairs']} true pairs aligned; accepted wrongly: "
@@ -71,20 +73,23 @@ def draw_reliability(file: Path, report: Report) -> None:
 def draw_scores(file: Path, report: Report, rows: Sequence[Report]) -> None:
     """Write a PNG of how probability, else omega, tells right from wrong poses; ToolError without matplotlib."""
     plt = pyplot()
-    figure, axes = plt.subplots(len(_SCORES), 1, figsize=(7.5, 6.5), sharex=True, layout="constrained")
+    groups = [(name, color, [row for row in rows if fits(row)]) for name, color, fits in _SCORES]
+    shown = [group for group in groups if group[2]]
+    size = (7.5, 0.5 + 2.0 * max(len(shown), 1))
+    figure, axes = plt.subplots(max(len(shown), 1), 1, figsize=size, sharex=True, squeeze=False, layout="constrained")
     key = "acceptance" if report["calibration"] is None else "probability"
     edges = np.linspace(0.0, 1.0, 41)
-    for axis, (name, color, fits) in zip(axes, _SCORES, strict=True):
-        mine = [row for row in rows if fits(row)]
+    for axis, (name, color, mine) in zip(axes[:, 0], shown, strict=False):
         for accepted, alpha in ((False, 0.35), (True, 1.0)):
             values = [row[key] or 0.0 for row in mine if row["accepted"] is accepted]
-            axis.hist(values, edges, color=color, alpha=alpha, label="accepted" if accepted else "refused")
+            if values:
+                axis.hist(values, edges, color=color, alpha=alpha, label="accepted" if accepted else "refused")
         axis.set_yscale("symlog", linthresh=10)
         axis.yaxis.set_major_formatter("{x:g}")
         axis.set_ylabel("pairs")
         axis.set_title(f"{name}: {len(mine)}", fontsize=10)
         axis.legend(loc="upper center", fontsize=8)
-    axes[-1].set_xlabel("probability" if key == "probability" else "acceptance index")
+    axes[-1, 0].set_xlabel("probability" if key == "probability" else "acceptance index")
     figure.savefig(file, dpi=110)
     plt.close(figure)
 

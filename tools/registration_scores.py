@@ -160,9 +160,12 @@ def _success(rows: Rows) -> Report:
 
 
 def _merges(rows: Rows) -> Report:
-    """Return how many wrong pairs were accepted; at_most: 95 % bound of the rate, 3/n, where none was."""
+    """Return how many wrong pairs were accepted; at_most: 95 % bound of the rate where none was.
+
+    A rate at which none of n would be accepted once in twenty times: (1 - rate)^n = 0.05; 3/n for many pairs.
+    """
     accepted = sum(row["accepted"] for row in rows)
-    bound = round(3.0 / len(rows), 4) if rows and not accepted else None
+    bound = round(1.0 - 0.05 ** (1.0 / len(rows)), 4) if rows and not accepted else None
     return {"pairs": len(rows), "accepted": accepted, "at_most": bound}
 
 
@@ -203,7 +206,7 @@ def _success_line(name: str, group: Report) -> str:
 
 
 def _bound(group: Report) -> str:
-    return "" if group["at_most"] is None else f"  (95 % bound of the rate, 3/n: {group['at_most']:.2%})"
+    return "" if group["at_most"] is None else f"  (95 % bound of the rate: {group['at_most']:.2%})"
 
 
 def _calibration_lines(calibrated: Report | None) -> list[str]:

@@ -12,11 +12,11 @@ from drivers.recording_reader import Recording
 from mapping.graph_state import GraphState
 from mapping.slam import MappedScan
 from tools.config import Config, parse
-from tools.depth_flow import scan_mount
-from tools.depth_replay import DepthReplay
+from tools.depth_replay import DepthReplay, error_lines
 from tools.localisation import Localisation
 from tools.pipeline import LidarDecoding, MappingFlow, Setup, look_ahead
-from tools.results import Report, decoding_summary, lost_pieces, new_run_folder, save_results
+from tools.result_folder import MAPPED, new_results
+from tools.results import Report, decoding_summary, remarks, save_results
 
 CONFIG_RECORD = "mapfuse.config"  # name of the metadata record that holds a run's configuration
 _PROGRESS_S = 5.0
@@ -54,13 +54,13 @@ def replay_recording(
     has_lidar = _has_lidar(recording, config)
     if has_lidar:
         on_progress(f"laser pose from {setup.mount_source}; order of samples: {setup.sweep.reason}")
-    if recording.depth_topic is not None:
-        on_progress(f"camera pose from {setup.camera_source}")
     camera = DepthReplay(recording, config, setup, has_lidar=has_lidar)
+    if recording.depth_topic is not None:
+        on_progress(f"camera pose from {camera.mount_source}")
     decoding = LidarDecoding()
     flow = MappingFlow(
         config,
-        setup.mount if has_lidar else scan_mount(setup.camera),
+        setup.mount if has_lidar else camera.mount,
         sweep_reversed=setup.sweep.is_reversed,
         resume=resume,
         depth=camera.flow,
@@ -76,7 +76,9 @@ def replay_recording(
                     localisation.add(mapped)
         if time.monotonic() - shown > _PROGRESS_S:
             shown = time.monotonic()
-            on_progress(f"{flow.scans} scans, {flow.mapper.trajectory.length_m:.1f} m driven")
+            on_progress(
+                f"{flow.scans} {'scans' if has_lidar else 'images'}, {flow.mapper.trajectory.length_m:.1f} m driven"
+            )
     for mapped in flow.finish():
         last = mapped
         if localisation is not None:
@@ -85,7 +87,8 @@ def replay_recording(
     _refuse_unmapped(recording, flow, last)
     for problem in recording.problems:
         on_progress(f"damaged recording: {problem}")
-    folder = new_run_folder(output)
+    error = camera.trajectory_error(flow.mapper.trajectory)
+    folder = new_results(output, MAPPED)
     report = save_results(
         folder,
         flow,
@@ -95,14 +98,14 @@ def replay_recording(
             "problems": recording.problems,
             "skipped_types": recording.skipped,
             **(_lidar_details(recording, config, setup, decoding) if has_lidar else {}),
-            **camera.details(),
+            **camera.details(error),
             **({} if localisation is None else {"localisation": localisation.save(folder)}),
         },
         save_state=save_state,
     )
-    for line in lost_pieces(report):
+    for line in [*error_lines(error), *remarks(report)]:
         on_progress(line)
-    on_progress(_summary(report, folder, time.monotonic() - started))
+    on_progress(closing_line(report, folder, time.monotonic() - started))
     return report
 
 
@@ -136,20 +139,27 @@ def _refuse_unmappable(recording: Recording, config: Config) -> None:
 
 def _refuse_unmapped(recording: Recording, flow: MappingFlow, last: MappedScan | None) -> None:
     """Raise RecordingError where nothing came of the scans, with the reason for the last of them."""
+    noun = "images" if flow.depth is not None and flow.depth.alone else "scans"
+    damage = f" (damaged: {recording.problems[0]})" if recording.problems else ""
     if not flow.scans:
-        raise RecordingError(f"{recording.path}: its data does not make up one scan; nothing to map")
+        raise RecordingError(f"{recording.path}: its data does not make up one scan; nothing to map{damage}")
     if not flow.mapper.counters.mapped:
         why = last.match.reason if last is not None else "all partial or out of order"
-        raise RecordingError(f"{recording.path}: none of its {flow.scans} scans can be mapped: {why}")
+        raise RecordingError(f"{recording.path}: none of its {flow.scans} {noun} can be mapped: {why}{damage}")
 
 
-def _summary(report: Report, folder: Path, seconds: float) -> str:
+def closing_line(report: Report, folder: Path, seconds: float) -> str:
     """Return the closing line."""
     scans, trajectory, timing = report["scans"], report["trajectory"], report["timing"]
-    pace = f"{timing['per_scan_ms_median']:.1f} ms a scan, " if timing else ""
+    pace = f"{timing['per_scan_ms_median']:.1f} ms each, " if timing else ""
     factor = trajectory["duration_s"] / max(seconds, 1e-9)
     lost = {"unmatched": "unmatched", "skipped_partial": "partial", "skipped_out_of_order": "out of order"}
     others = "".join(f", {scans[key]} {name}" for key, name in lost.items() if scans[key])
-    mapped = f"{scans['mapped']} of {scans['received']} scans mapped{others}"
+    unplaced = scans["mapped"] - scans["in_map"]
+    others += f", {unplaced} in pieces without a place in the map" if unplaced > 0 else ""
+    passed = scans["received"] - scans["mapped"] - sum(scans[key] for key in lost)
+    others += f", {passed} passed over" if passed > 0 else ""
+    noun = "scans" if "scan_source" in report else "images"
+    mapped = f"{scans['in_map']} of {scans['received']} {noun} mapped{others}"
     driven = f"{trajectory['length_m']:.2f} m driven"
     return f"{mapped} in {seconds:.1f} s ({pace}{factor:.0f} x real time), {driven}: {folder}"

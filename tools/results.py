@@ -22,7 +22,7 @@ from drivers.rplidar_decoder import DecoderCounters
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from mapping.slam_state import STATE_NAME, write_state
-from mapping.trajectory import write_tum
+from mapping.trajectory import Trajectory, write_tum
 from tools.errors import ToolError
 from tools.pictures import draw_map, draw_pose_graph, write_picture
 from tools.pipeline import MappingFlow
@@ -60,12 +60,15 @@ def check_run_folder(chosen: Path | None) -> None:
 
 
 def check_new_file(path: Path) -> None:
-    """Raise ToolError where a file cannot be put there because of its folder."""
+    """Raise ToolError where a file cannot be written: it is tried, and nothing is left of it or changed."""
     with writing_to(path):
         if not path.absolute().parent.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, f"{path.parent} is no folder")
-        if path.is_dir():
-            raise IsADirectoryError(errno.EISDIR, "it is a folder")
+        if path.exists():
+            path.open("ab").close()
+        else:
+            path.open("xb").close()
+            path.unlink()
 
 
 @contextmanager
@@ -90,7 +93,7 @@ def save_results(
     counters = asdict(flow.mapper.counters)
     report: Report = {
         "source": source,
-        "scans": {"received": flow.scans, **counters},
+        "scans": {"received": flow.scans, **counters, "in_map": _placed_here(flow, trajectory)},
         "trajectory": {
             "poses": len(trajectory),
             "duration_s": round(span_s, 3),
@@ -116,6 +119,21 @@ def save_results(
     return report
 
 
+def remarks(report: Report) -> list[str]:
+    """Return the lines that the end of a run owes its reader: what is not in the map, and a map that shows nothing."""
+    lines = lost_pieces(report)
+    if not report["map"]["occupied_cells"]:
+        place = "its place (depth.mount) and height band (depth.bottom_m, top_m)" if "depth" in report else "its place"
+        lines.append(f"the map shows no wall at all: nothing was in reach of the sensor, or {place} is not what is set")
+    return lines
+
+
+def _placed_here(flow: MappingFlow, trajectory: Trajectory) -> int:
+    """Return how many scans of this drive have a pose in the map; of what was matched, lost pieces have none."""
+    before_ns = flow.mapper.resumed_ns
+    return len(trajectory) if before_ns is None else int((trajectory.stamps_ns > before_ns).sum())
+
+
 def lost_pieces(report: Report) -> list[str]:
     """Return a line for each piece of the drive that tracking lost and no loop closure could place in the map.
 
@@ -135,6 +153,11 @@ def lost_pieces(report: Report) -> list[str]:
             f"not in the map: {len(others)} shorter pieces, {scans} scans in {total_s:.0f} s: report.json lists them"
         )
     return lines
+
+
+def is_placed(report: Report) -> bool:
+    """Whether the car was found on the map that it was to be found on, if there was one, and no piece is lost."""
+    return report.get("localisation", {"found": True})["found"] and not lost_pieces(report)
 
 
 def _seconds(piece: Report) -> float:

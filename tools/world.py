@@ -93,6 +93,20 @@ class World:
     resolution_m: float
     origin: FloatArray
 
+    def objection(self, x_m: float, y_m: float) -> str | None:
+        """Return why no car can stand with its middle there; None where one can, walls near it or not."""
+        rows, cols = self.occupied.shape
+        col, row = np.floor(
+            se2.transform_points(se2.inverse(self.origin), np.array([[x_m, y_m]]))[0] / self.resolution_m
+        )
+        if not (0 <= col < cols and 0 <= row < rows):
+            corners = np.array([(0, 0), (cols, 0), (cols, rows), (0, rows)]) * self.resolution_m
+            (left, below), (right, above) = (
+                bound(se2.transform_points(self.origin, corners), axis=0).tolist() for bound in (np.min, np.max)
+            )
+            return f"outside of the world: x {left:.2f} to {right:.2f} m, y {below:.2f} to {above:.2f} m"
+        return "in a wall" if self.occupied[int(row), int(col)] else None
+
     def ranges(self, poses: FloatArray, bearings_rad: FloatArray, max_range_m: float) -> FloatArray:
         """Return the distance in m (N,) to the first wall from sensor poses (N, 3) along bearings (N,) in their frames.
 

@@ -25,6 +25,7 @@ from drivers.errors import (
     PortBusyError,
     PortMissingError,
     PortPermissionError,
+    RecordingError,
     WrongDeviceError,
 )
 
@@ -315,6 +316,11 @@ def camera_info(folder: Path) -> Path:
     matrix = "[500, 0, 423.5, 0, 500, 239.5, 0, 0, 1]"
     path.write_text(f"image_width: 848\nimage_height: 480\ncamera_matrix: {{data: {matrix}}}\n", encoding="utf-8")
     return path
+
+
+def test_a_camera_info_that_is_not_there_is_refused_even_by_a_camera_that_tells(tmp_path):
+    with pytest.raises(RecordingError, match=r"none\.yaml: there is no such camera_info file"):
+        Bench().open(camera_info=tmp_path / "none.yaml")
 
 
 def test_another_depth_camera_works_with_its_camera_info(tmp_path):

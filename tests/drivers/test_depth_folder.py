@@ -167,10 +167,10 @@ def test_files_that_cannot_be_read_are_counted_and_the_rest_is_read(folder, capf
         for _ in range(2):
             assert [type(message) for message in opened] == [Transform, DepthImage, DepthImage]
             assert opened.problems == [
-                "1 files cannot be read: PNG cut short",
-                "1 files cannot be read: a pose file's matrix is no pose",
-                "1 files cannot be read: no 4x4 matrix in a pose file",
-                "1 files cannot be read: 2x2 px, others 5x4",
+                "1 file cannot be read: PNG cut short",
+                "1 file cannot be read: a pose file's matrix is no pose",
+                "1 file cannot be read: no 4x4 matrix in a pose file",
+                "1 file cannot be read: 2x2 px, others 5x4",
             ]
         assert opened.truncated
     assert capfd.readouterr().err == ""

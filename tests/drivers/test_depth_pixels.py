@@ -53,6 +53,14 @@ def test_what_is_no_image_is_refused(encoding, size, step, message):
         raw_counts(encoding, size, step, COUNTS.view(np.uint8).ravel(), big=False)
 
 
+def test_rvl_is_read_as_counts_and_as_inverse_depth():
+    rvl = struct.pack("<ii", 5, 1) + bytes.fromhex("0021a122")  # pixels 0, 0, 5, 6, 0
+    counts = compressed_counts("16UC1; compressedDepth rvl", struct.pack("<iff", 1, 0, 0) + rvl)
+    assert counts.tolist() == [[0, 0, 5, 6, 0]]
+    metres = compressed_counts("32FC1; compressedDepth rvl", struct.pack("<iff", 1, 8.0, 1.0) + rvl)
+    assert metres.tolist() == [[0, 0, 2000, 1600, 0]]
+
+
 @pytest.mark.parametrize(
     "image_format", ["16UC1; compressedDepth", "16UC1; compressedDepth png", "mono16;compressedDepth"]
 )

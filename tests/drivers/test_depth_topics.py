@@ -109,7 +109,7 @@ def test_images_before_their_camera_info_are_read_and_damaged_ones_counted(tmp_p
         (only,) = list(recording)
         assert only.unit_m == 0.0005
         assert len(recording.problems) == 1
-        assert "/cam/depth: 1 messages do not decode (/cam/depth: " in recording.problems[0]
+        assert "/cam/depth: 1 message not decoded (/cam/depth: " in recording.problems[0]
 
 
 def test_an_uncalibrated_colour_camera_beside_is_no_problem(tmp_path):

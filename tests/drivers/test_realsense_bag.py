@@ -14,7 +14,7 @@ from rosbags.typesys.stores import ros1_noetic as ros1
 from drivers.errors import RecordingError
 from drivers.messages import DepthImage, Pinhole
 from drivers.realsense_bag import RealsenseBag, is_ros1_bag
-from drivers.recording_reader import open_recording
+from drivers.recording_reader import open_recording, read_through
 
 STORE = get_typestore(Stores.ROS1_NOETIC)
 SENSOR = "/device_0/sensor_0"
@@ -133,7 +133,7 @@ def test_images_that_cannot_be_read_are_counted(tmp_path):
         for _ in range(2):
             assert len(list(bag)) == 2
             assert len(bag.problems) == 1
-            assert "1 images cannot be read: encoding 'rgb8'" in bag.problems[0]
+            assert "1 image cannot be read: encoding 'rgb8'" in bag.problems[0]
         assert not bag.truncated
 
 
@@ -161,6 +161,19 @@ def test_another_ros1_bag_is_named_and_refused(tmp_path):
         open_recording(path)
     with pytest.raises(RecordingError, match="a ROS 1 bag; convert it"):
         open_recording(write_bag(tmp_path / "b.bag", []))
+
+
+def test_a_cut_bag_is_called_cut_and_a_hole_is_found_by_reading_through(tmp_path):
+    whole = write_bag(tmp_path / "a.bag", rows()).read_bytes()
+    cut, holed = tmp_path / "cut.bag", tmp_path / "holed.bag"
+    cut.write_bytes(whole[:-40])
+    with pytest.raises(RecordingError, match="was cut"):
+        RealsenseBag(cut)
+    at = whole.index(counts(1).tobytes())
+    holed.write_bytes(whole[: at - 80] + bytes(80) + whole[at:])
+    with RealsenseBag(holed) as recording:
+        read_through(recording)
+        assert recording.problems
 
 
 def test_a_bag_cut_or_damaged_anywhere_is_read_as_far_as_it_goes_or_one_clear_line(tmp_path):

@@ -127,7 +127,7 @@ def test_messages_that_do_not_decode_are_counted_and_the_rest_is_read(tmp_path):
     with open_recording(path) as recording:
         for _ in range(2):
             assert kinds(recording) == {"Odometry": 2}
-            assert recording.problems == ["/odom: 2 messages do not decode"]
+            assert recording.problems == ["/odom: 2 messages not decoded"]
         assert recording.skipped == {"sensor_msgs/msg/Imu": 1}
 
 

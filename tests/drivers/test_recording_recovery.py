@@ -156,7 +156,7 @@ def test_check_finds_messages_that_do_not_decode(tmp_path):
     report = check(write_odometry(tmp_path / "a.mcap", range(5), data=b"\0\1\0\0nonsense"))
 
     assert not report.ok
-    assert "5 messages do not decode, the first one: /odom: 12 bytes" in report.problems[0]
+    assert "5 messages not decoded, the first one: /odom: 12 bytes" in report.problems[0]
 
 
 def test_check_notes_a_gap(tmp_path):

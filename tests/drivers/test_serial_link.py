@@ -93,6 +93,15 @@ def test_what_is_not_a_port(port: str) -> None:
         open_serial(port, 115200)
 
 
+@posix
+@pytest.mark.parametrize("port", ["/dev/null", "."])
+def test_a_file_or_folder_is_told_without_the_system_s_words(port: str) -> None:
+    with pytest.raises(DriverError, match="no serial port") as caught:
+        open_serial(port, 115200)
+    assert "rrno" not in str(caught.value)
+    assert "ioctl" not in str(caught.value)
+
+
 def test_a_link_without_a_descriptor() -> None:
     link = open_serial("loop://", 115200)
     assert link.read(0.01) == b""

@@ -99,7 +99,7 @@ def test_any_grid_keeps_its_frame_and_its_known_cells(
         np.testing.assert_array_equal(read.known, grid.known)
     np.testing.assert_array_equal(lossless.grid.log_odds, cells)
     assert lossless.provenance == {"source": "a.mcap"}
-    assert lossless.warnings == ()
+    assert (lossless.warnings == ()) == (0.005 <= resolution_m <= 1.0)
 
 
 @given(CELLS)
@@ -372,3 +372,25 @@ def test_starts_and_goals_of_real_maps_lie_in_free_space(data_dir: Path) -> None
         assert grid.free[rows, cols].all()
         rows_flipped = grid.log_odds.shape[0] - 1 - rows
         assert not grid.free[rows_flipped, cols].all()
+
+
+@pytest.mark.parametrize(("resolution_m", "says"), [(50.0, "0.05 if mm"), (20.0, "0.05 if cells a metre"), (1e-4, "?")])
+def test_a_resolution_that_no_building_s_map_has_is_told(tmp_path, resolution_m, says):
+    grid = OccupancyGrid(np.full((20, 30), -5.0, np.float32), 0.05, np.zeros(3))
+    assert read_map_with_warnings(write_map(tmp_path / "a", grid).yaml).warnings == ()
+    files = write_map(tmp_path / "b", OccupancyGrid(grid.log_odds, resolution_m, np.zeros(3)))
+    for path in (files.yaml, files.lossless):
+        (warning,) = read_map_with_warnings(path).warnings
+        assert says in warning
+        assert f"{30 * resolution_m:.3g} m x {20 * resolution_m:.3g} m" in warning
+
+
+@pytest.mark.parametrize(
+    ("resolution_m", "x_m", "key"), [(1e-300, 0.0, "resolution"), (1e300, 0.0, "resolution"), (0.05, -1e300, "origin")]
+)
+def test_a_map_that_no_metres_can_hold_is_refused(tmp_path, resolution_m, x_m, key):
+    grid = OccupancyGrid(np.full((3, 4), -5.0, np.float32), resolution_m, np.array([x_m, 0.0, 0.0]))
+    files = write_map(tmp_path / "a", grid)
+    for path in (files.yaml, files.lossless):
+        with pytest.raises(MapFileError, match=f"{key} is"):
+            read_map(path)

@@ -21,7 +21,7 @@ def afresh():
     best_projection.cache_clear()
 
 
-@pytest.mark.skipif(not has_open3d, reason="Open3D is not installed: pip install open3d")
+@pytest.mark.skipif(not has_open3d, reason="Open3D is not installed: make setup-depth")
 def test_open3d_agrees_with_numpy_point_by_point():
     camera = Pinhole(60, 40, 40.0, 41.0, 30.2, 19.1)
     depth = np.random.default_rng(3).integers(0, 6000, (40, 60)).astype(np.uint16)

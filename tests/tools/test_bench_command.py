@@ -6,6 +6,7 @@ import json
 
 import pytest
 
+from tools.depth_bench import projections
 from tools.simulated_drive import record_round_trip
 
 
@@ -56,3 +57,18 @@ def test_what_is_no_recording_is_one_line(cli, tmp_path):
     assert ended.code == 1
     assert len(ended.error_lines) == 1
     assert "a.mcap" in ended.err
+
+
+@pytest.mark.live
+@pytest.mark.parametrize("lidar", [True, False])
+def test_depth_is_measured_with_each_projection_that_there_is_beside_a_lidar_or_alone(lidar, cli, tmp_path):
+    config = tmp_path / "small.yaml"
+    config.write_text("depth: {width: 424, height: 240, fps: 15}\n", encoding="utf-8")
+    options = ["--seconds", "1", "--config", config, "--lidar" if lidar else "--no-lidar", "--json"]
+    ended = cli("bench", "depth", *options)
+    assert ended.code == 0, ended.err
+    report = json.loads(ended.out)
+    assert report["simulated"] is True
+    assert [cost["projection"] for cost in report["costs"]] == [*projections()]
+    assert all(cost["frames"] > 5 for cost in report["costs"])
+    assert [each["scans"] > 3 for each in report["lidar"]] == [True] * (len(report["costs"]) if lidar else 0)

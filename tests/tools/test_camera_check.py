@@ -46,5 +46,6 @@ def test_doctor_tells_it(cli):
     assert "2 frames" in outcome.out
 
 
-def test_doctor_asks_what_to_look_at(cli):
-    assert cli("doctor").code == 2
+def test_doctor_alone_looks_at_all_it_can(cli):
+    outcome = cli("doctor", "--depth", "emulated:office", "--capture", "2")
+    assert outcome.out.splitlines()[0] == cli("doctor", "--camera", "--depth", "emulated:office").out.splitlines()[0]

@@ -223,14 +223,29 @@ def test_yaml_without_an_image_is_one_line_and_exit_code_1(cli, tmp_path):
         ["nonsense"],
         ["emulate", "lidar", "--model", "A3M1"],
         ["emulate", "lidar", "--world", "x.yaml"],
+        ["emulate", "lidar", "--pose", "50", "3", "0"],
+        ["emulate", "lidar", "--pose", "5", "7", "0"],
         ["emulate", "lidar", "--pose", "0", "0", "0", "--trajectory", "t.tum"],
         ["run", "--lidar", "x", "--resolution", "0.05", "--cells-per-meter", "20"],
         ["run", "--lidar", "x", "--cells-per-meter", "0"],
         ["replay", "x", "--odometry", "guess"],
+        ["replay", "x", "--bogus"],
+        ["replay"],
+        ["bag", "nonsense"],
+        ["plan", "m.yaml", "--start", "0", "0"],
+        ["demo", "--seed", "-1"],
     ],
 )
-def test_wrong_use_is_exit_code_2(arguments, cli):
-    assert cli(*arguments).code == 2
+def test_wrong_use_is_exit_code_2_and_one_line(arguments, cli):
+    outcome = cli(*arguments)
+    assert (outcome.code, outcome.err.count("\n"), outcome.out) == (2, 1, "")
+    assert outcome.error_lines
+
+
+def test_a_group_alone_shows_its_help(cli):
+    outcome = cli("bag")
+    assert outcome.code == 2
+    assert "recover" in outcome.err + outcome.out
 
 
 def test_every_command_has_help(cli):

@@ -80,3 +80,11 @@ def test_configuration_cannot_be_changed():
     grid: Any = Config().grid
     with pytest.raises(ValueError, match="frozen"):
         grid.resolution_m = 1.0
+
+
+@pytest.mark.parametrize(("text", "says"), [("depth:\n  mount: [1, 2]\n", "x_m, y_m"), ("grid: [1\n", "line 2")])
+def test_what_is_wrong_is_said_in_the_words_of_the_file(tmp_path, text, says):
+    file = tmp_path / "config.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError, match=says):
+        load(file)

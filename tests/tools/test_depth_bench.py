@@ -25,5 +25,5 @@ def test_stages_add_up_and_frames_come_at_the_camera_s_pace():
     cost = bench_depth("numpy", CONFIG, 1.0)
     assert set(cost.cpu_ms) == set(STAGES)
     assert cost.frames + cost.lost_frames == pytest.approx(30 * cost.seconds, abs=4)
-    assert 0.0 < sum(cost.cpu_share.values()) < 1.2
+    assert 0.0 < sum(cost.cpu_share.values()) <= cost.process_share + 0.02
     assert cost.latency_ms.median > 0.0

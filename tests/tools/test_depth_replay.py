@@ -12,6 +12,7 @@ from drivers.recording_reader import open_recording
 from drivers.recording_writer import McapRecorder
 from mapping.depth_projection import CameraMount
 from mapping.map_io import read_map
+from mapping.metrics import absolute_trajectory_error
 from mapping.trajectory import Trajectory, read_tum
 from tools.config import Config, parse
 from tools.depth_simulator import SimulatedDepthCamera
@@ -138,6 +139,32 @@ def test_a_camera_alone_locates_itself(tmp_path):
     way = np.linalg.norm(truth.at(found.stamps_ns)[:, :2] - truth.poses[0, :2], axis=1)
     assert way[-1] > 1.5
     assert np.linalg.norm(found.poses[:, :2], axis=1) == pytest.approx(way, abs=0.15)
+
+
+def test_own_poses_are_compared_with_the_recorded_ones(tracked, tmp_path):
+    path, truth = tracked
+    report = replayed(path, tmp_path, {})
+    error = report["trajectory_error"]
+    found = read_tum(tmp_path / "trajectory.tum")
+    again = absolute_trajectory_error(found, truth)
+    assert error["poses"] == len(found)
+    assert error["rms_m"] == pytest.approx(again.rms_m, abs=1e-3)
+    assert error["rms_m"] > 0.0
+
+
+def test_recorded_poses_are_not_compared_with_themselves(tracked, tmp_path):
+    report = replayed(tracked[0], tmp_path, {"odometry": {"source": "recorded"}})
+    assert "trajectory_error" not in report
+
+
+@pytest.mark.real_data
+def test_a_camera_in_the_hand_follows_its_clouds_as_the_recorded_poses_say(data_dir, tmp_path):
+    settings = {"depth": {"odometry": "cloud", "tilt": "tracked"}}
+    report = replayed(data_dir / "sevenscenes_kinect", tmp_path, settings)
+    error = report["trajectory_error"]
+    assert error["poses"] == 125
+    assert error["rms_m"] < 0.1
+    assert error["rms_deg"] < 2.0
 
 
 def test_poses_that_are_not_there_are_one_clear_line(tmp_path):

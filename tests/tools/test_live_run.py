@@ -11,6 +11,9 @@ from drivers.d435_emulator import D435Emulator
 from drivers.depth_camera import DepthMode, open_depth_camera
 from drivers.errors import DeviceLostError
 from drivers.messages import DepthImage, LaserScan, Pinhole, Transform
+from drivers.reconnecting_camera import ReconnectingCamera
+from drivers.recording_reader import open_recording
+from drivers.recording_writer import McapRecorder
 from mapping.depth_projection import CameraMount, project
 from mapping.slam import MappedScan
 from tools.config import Config
@@ -137,7 +140,56 @@ def test_a_lost_camera_does_not_end_a_run_that_has_a_lidar(caplog):
     assert isinstance(outcome.camera_fault, DeviceLostError)
     assert flow.mapper.counters.mapped == 6
     assert sum(isinstance(message, DepthImage) for message in put) == 3, "all that came is recorded"
-    assert len([record for record in caplog.records if "goes on without the camera" in record.message]) == 1
+    assert len([record for record in caplog.records if "end before the run" in record.message]) == 1
+
+
+class PacedLidar(ScriptedLidar):
+    """Yields its messages a turn apart."""
+
+    def __iter__(self):
+        for message in self._messages:
+            if self._stopped.wait(TURN_S):
+                return
+            yield message
+
+
+@pytest.mark.live
+def test_a_camera_that_comes_back_is_recorded_on_and_the_lidar_all_the_time(caplog, tmp_path):
+    image = np.full((240, 424), 1500, np.uint16)
+    emulator = D435Emulator(repeat(image), faults=StreamFaults(unplug_at=12))
+    camera = ReconnectingCamera(
+        lambda: open_depth_camera(emulator.path, DepthMode(424, 240, 30), calls=emulator), patience_s=np.inf
+    )
+    depth = DepthFlow(Config(), lambda _: CameraMount(), alone=False, projection=project)
+    flow = MappingFlow(Config(), Config().mount(), depth=depth)
+    stop, scans = threading.Event(), 30
+    threading.Timer(1.5, emulator.plug_in).start()  # unplugged since 0.4 s, again from 1.9 s or so on
+    threading.Timer(TURN_S * scans + 0.5, stop.set).start()
+    recorder = McapRecorder(tmp_path / "r.mcap", metadata={})
+    outcome = run_live(
+        PacedLidar([scan(n) for n in range(scans)]),
+        flow,
+        stop,
+        put=recorder.put,
+        on_mapped=lambda _: None,
+        release=camera.close,
+        camera=camera,
+    )
+    written = recorder.close()
+    assert outcome.fault is None
+    assert isinstance(outcome.camera_fault, DeviceLostError), "lost for the second time when the run ends"
+    assert flow.mapper.counters.mapped == scans
+    assert (written.error, written.dropped) == (None, {})
+    with open_recording(tmp_path / "r.mcap") as recording:
+        messages = list(recording.messages(None))
+    stamps = [message.stamp_ns for message in messages if isinstance(message, DepthImage)]
+    assert len(stamps) == camera.counters.frames == 24
+    assert 0.5 < np.diff(stamps).max() * 1e-9 < 2.0
+    assert len({message.stamp_ns for message in messages if isinstance(message, LaserScan)}) == scans
+    told = [record.message for record in caplog.records]
+    assert sum("is lost" in line for line in told) == 2
+    assert sum("is back" in line for line in told) == 1
+    assert sum("end before the run" in line for line in told) == 1
 
 
 @pytest.mark.live

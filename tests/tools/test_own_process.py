@@ -2,6 +2,8 @@ from __future__ import annotations
 
 import math
 import os
+import threading
+import time
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 
 from drivers.recording_reader import open_recording
 from tools.errors import ToolError
-from tools.own_process import in_own_process, memory, reset_peak
+from tools.own_process import in_own_process, limit_to, memory, reset_peak, thread_times
 
 
 def test_work_is_done_in_another_process_each_time():
@@ -40,3 +42,31 @@ def test_the_peak_remembers_what_was_let_go_until_it_is_reset():
     if reset_peak():
         assert memory().peak_mb < after.peak_mb - 150.0
     assert not math.isnan(after.peak_mb)
+
+
+def test_a_thread_s_time_is_its_own():
+    end = threading.Event()
+
+    def work():
+        while not end.is_set():
+            sum(range(1000))
+
+    before = thread_times()
+    busy = [threading.Thread(target=work, name=f"busy_{number}") for number in range(2)]
+    for thread in busy:
+        thread.start()
+    began = time.thread_time()
+    while thread_times()["busy"] < 0.2:
+        time.sleep(0.01)
+    own_s = time.thread_time() - began
+    after = thread_times()
+    end.set()
+    for thread in busy:
+        thread.join()
+    assert "busy" not in before
+    assert after["MainThread"] - before["MainThread"] == pytest.approx(own_s, abs=0.05)
+    assert "busy" not in thread_times()
+
+
+def test_a_process_can_be_limited_to_a_core():
+    assert in_own_process(limit_to, 1) == 1

@@ -6,7 +6,7 @@ import pytest
 
 from mapping.grid import OccupancyGrid
 from mapping.trajectory import Trajectory
-from tools.pictures import draw_map, write_picture
+from tools.pictures import cell_shades, draw_map, write_picture
 
 
 def l_shaped():
@@ -51,3 +51,24 @@ def test_picture_is_written_as_png(tmp_path):
 
 def test_one_cell_makes_a_picture():
     assert draw_map(OccupancyGrid(np.zeros((1, 1), np.float32), 0.05, np.zeros(3))).ndim == 3
+
+
+def test_every_free_cell_is_lighter_than_unknown_and_every_wall_darker():
+    odds = np.array([[-7.0, -0.4, -0.01, 0.0, 0.01, 0.4, 7.0]], np.float32)
+    for darkest in (0, 145):
+        shades = cell_shades(odds, darkest)[0].astype(int)
+        assert (np.diff(shades) <= 0).all()
+        assert shades[2] > shades[3] > shades[4]
+        assert (shades[0], shades[-1]) == (255, darkest)
+
+
+def test_a_path_outside_of_what_is_known_is_in_the_picture():
+    grid = OccupancyGrid(np.full((10, 10), -5.0, np.float32), 0.1, np.zeros(3))
+    inside, outside = draw_map(grid), np.array([[-1.0, 0.5, 0.0], [0.5, 0.5, 0.0], [0.5, 2.0, 0.0]])
+    picture = draw_map(grid, Trajectory(np.arange(3, dtype=np.int64), outside))
+    assert picture.shape[0] > 0.9 * picture.shape[1] > 0
+    is_path = (picture == (60, 60, 220)).all(axis=2)
+    rows, cols = np.nonzero(is_path[:-40])
+    wide, high = np.ptp(cols) / picture.shape[1], np.ptp(rows) / picture.shape[0]
+    assert min(wide, high) > 0.4
+    assert inside.shape[0] - 40 == inside.shape[1], "as it was, without a path"

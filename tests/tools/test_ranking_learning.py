@@ -166,7 +166,7 @@ def test_a_pool_without_hypotheses_is_a_score_of_none(ranking, pools):
 
 def test_too_little_to_learn_from_is_told(pools):
     one_building = [pool for pool in pools if set(pool.buildings) == {"hall"}]
-    with pytest.raises(ToolError, match="of 1 buildings: to calibrate"):
+    with pytest.raises(ToolError, match="of 1 building: to calibrate"):
         held_out_scores(one_building, GROWTH)
     with pytest.raises(ToolError, match="buildings left out are all wrong"):
         curve(np.array([0.3, 0.4]), np.array([False, False]))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,8 +18,10 @@ from tools.results import (
     check_run_folder,
     decoding_summary,
     grid_snapshot,
+    is_placed,
     lost_pieces,
     new_run_folder,
+    remarks,
     save_results,
 )
 
@@ -35,7 +38,7 @@ def test_results_of_a_run_are_all_there(tmp_path):
     names = {file.name for file in tmp_path.iterdir()}
     assert names == {"map.yaml", "map.pgm", "map.npz", "map.png", "pose_graph.png", "trajectory.tum", "report.json"}
     assert json.loads((tmp_path / "report.json").read_text()) == report
-    assert report["scans"]["mapped"] == 1
+    assert report["scans"]["mapped"] == report["scans"]["in_map"] == 1
     assert report["more"] == 1
     assert read_map(tmp_path / "map.npz").occupied.sum() > 100
 
@@ -80,7 +83,10 @@ def test_a_folder_that_cannot_be_is_refused_before_the_work(tmp_path):
 
 
 def test_a_file_without_a_folder_is_refused_before_the_work(tmp_path):
-    for bad in (tmp_path / "none/truth.tum", tmp_path):
+    (tmp_path / "kept").write_text("years of work")
+    check_new_file(tmp_path / "kept")
+    assert (tmp_path / "kept").read_text() == "years of work"
+    for bad in (tmp_path / "none/truth.tum", tmp_path, tmp_path / ("x" * 300), Path("/proc/truth.tum")):
         with pytest.raises(ToolError, match="cannot write results"):
             check_new_file(bad)
     check_new_file(tmp_path / "truth.tum")
@@ -102,3 +108,18 @@ def test_of_many_lost_pieces_the_longest_have_a_line_and_the_others_are_summed()
     assert [line.split()[4] for line in longest] == ["44", "45", "46", "47", "48", "49"]
     shorter = sum(10 + n for n in range(34) if n != 4)
     assert rest == f"not in the map: 33 shorter pieces, {shorter} scans in {shorter} s: report.json lists them"
+
+
+def test_a_car_that_was_not_found_on_its_map_is_not_all_done():
+    whole = {"slam": {"segments": [piece(1, 3, in_map=True)]}}
+    assert is_placed(whole)
+    assert is_placed(whole | {"localisation": {"found": True}})
+    assert not is_placed(whole | {"localisation": {"found": False}})
+    assert not is_placed({"slam": {"segments": [piece(1, 3, in_map=False)]}})
+
+
+def test_a_map_that_shows_nothing_is_told():
+    whole = {"slam": {"segments": [piece(1, 3, in_map=True)]}, "map": {"occupied_cells": 3}}
+    assert remarks(whole) == []
+    (line,) = remarks(whole | {"map": {"occupied_cells": 0}, "depth": {}})
+    assert "depth.mount" in line

@@ -7,7 +7,7 @@ from mapping.errors import MapFileError
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from tools.simulator import drive_along
-from tools.world import BUILT_IN, TOURS, load_world
+from tools.world import BUILT_IN, OFFICE_TOUR, TOURS, World, load_world, office
 
 
 @pytest.mark.parametrize("name", BUILT_IN)
@@ -41,3 +41,13 @@ def test_world_of_a_map_file_is_seen_as_the_map_says(tmp_path):
 def test_world_that_is_no_map_is_refused(tmp_path):
     with pytest.raises(MapFileError):
         load_world(str(tmp_path / "nothing.yaml"))
+
+
+def test_a_car_stands_neither_outside_of_the_world_nor_in_a_wall():
+    turned = World(np.array([[False, False, True]]), 1.0, np.array([10.0, 0.0, np.pi / 2]))
+    assert turned.objection(9.5, 0.5) is None
+    assert turned.objection(9.5, 2.5) == "in a wall"
+    outside = turned.objection(0.5, 0.5)
+    assert outside is not None
+    assert "x 9.00 to 10.00 m, y 0.00 to 3.00 m" in outside
+    assert all(office().objection(*place) is None for place in OFFICE_TOUR)

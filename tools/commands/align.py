@@ -28,6 +28,8 @@ from tools.commands.options import (
 )
 from tools.exit_codes import ExitCode
 
+_LEAST_SHOWN = 0.0005  # of a probability with three digits
+
 
 def align(
     a: Annotated[Path, typer.Argument(metavar="A", help="The map whose frame the answer is in: .yaml or .npz.")],
@@ -91,6 +93,8 @@ def _in_words(report: dict[str, Any]) -> Iterator[str]:
         yield f"  one sigma       x {x:.3f} m, y {y:.3f} m, {math.degrees(yaw):.2f} deg"
     yield f"  acceptance index {report['acceptance']:.3f}, overlap {report['overlap']:.0%}"
     for other in report["alternatives"]:
+        if other["probability"] < _LEAST_SHOWN:
+            continue
         yield f"  or             {_pose(other)} (probability {other['probability']:.3f})"
 
 

@@ -7,34 +7,37 @@ from typing import Annotated
 
 import typer
 
-from tools.commands.options import Json, print_json
+from drivers.wording import counted
+from tools.commands.options import (
+    METRES_PER_COUNT,
+    DepthUnit,
+    Intrinsics,
+    Json,
+    RecordingPath,
+    print_json,
+    refuse_folder_options,
+)
 from tools.exit_codes import ExitCode
 
 app = typer.Typer(
     help="Look into recordings, check, repair and convert them.", no_args_is_help=True, rich_markup_mode=None
 )
 
-RecordingPath = Annotated[
-    Path,
-    typer.Argument(metavar="FILE", help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log."),
-]
-Intrinsics = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="3x3 camera matrix of a folder of depth PNGs. [default: its camera-intrinsics.txt]"
-    ),
-]
-DepthUnit = Annotated[
-    float, typer.Option(min=1e-6, max=1.0, metavar="M", help="Metres per count of a folder of depth PNGs.")
-]
+
+_MOST_NAMED = 8
 
 
 @app.command()
 def info(recording: RecordingPath, intrinsics: Intrinsics = None, as_json: Json = False) -> None:
-    """List topics, types and counts. Exit code 3: the recording is damaged, and this is what can be read."""
-    from drivers.recording_reader import open_recording
+    """List topics, types and counts. Exit code 3: the recording is damaged, and this is what can be read.
 
+    Of MCAP and ROS 2 bags the index is read, of others everything; `bag check` verifies those as well.
+    """
+    from drivers.recording_reader import open_recording, read_through
+
+    refuse_folder_options(recording, intrinsics)
     with open_recording(recording, intrinsics=intrinsics) as opened:
+        read_through(opened)
         values: dict[str, object] = {
             "file": str(recording),
             "duration_s": round((opened.end_ns - opened.start_ns) * 1e-9, 3),
@@ -53,28 +56,35 @@ def info(recording: RecordingPath, intrinsics: Intrinsics = None, as_json: Json 
         print_json(values)
     else:
         label = "  SIMULATED" if values["simulated"] else ""
-        typer.echo(f"{recording}  {values['duration_s']} s  {values['messages']} messages{label}")
+        typer.echo(
+            f"{recording}  {values['duration_s']} s  {counted(sum(topic.count for topic in topics), 'message')}{label}"
+        )
         width = max((len(topic.name) for topic in topics), default=0)
         kind_width = max((len(topic.type) for topic in topics), default=0)
         for topic in topics:
             note = "" if topic.decoded else "  not read by replay"
             typer.echo(f"  {topic.name:<{width}}  {topic.type:<{kind_width}}  {topic.count:>8}{note}")
         _echo_lines("damaged", opened.problems)
-    raise typer.Exit(ExitCode.PARTIAL if values["truncated"] else ExitCode.OK)
+    raise typer.Exit(ExitCode.PARTIAL if values["truncated"] or values["problems"] else ExitCode.OK)
 
 
 @app.command()
-def check(recording: RecordingPath, as_json: Json = False) -> None:
-    """Verify checksums, index, order of time and that messages decode. Exit code 3: there is damage."""
+def check(recording: RecordingPath, intrinsics: Intrinsics = None, as_json: Json = False) -> None:
+    """Verify checksums, index, order of time and that messages decode. Exit code 3: there is damage.
+
+    Formats without checksums are read from end to end.
+    """
     from drivers.recording_recovery import check as check_recording
 
-    report = check_recording(recording)
+    refuse_folder_options(recording, intrinsics)
+    report = check_recording(recording, intrinsics=intrinsics)
     if as_json:
         print_json({"ok": report.ok, "problems": list(report.problems), "notes": list(report.notes)})
     else:
         _echo_lines("damaged", report.problems)
         _echo_lines("note", report.notes)
-        typer.echo(f"{recording}: {'ok' if report.ok else 'damaged: `bag recover` saves what can be read'}")
+        rescue = "recover" if recording.suffix == ".mcap" else "convert"
+        typer.echo(f"{recording}: {'ok' if report.ok else f'damaged: `bag {rescue}` saves what can be read'}")
     raise typer.Exit(ExitCode.OK if report.ok else ExitCode.PARTIAL)
 
 
@@ -99,32 +109,26 @@ def recover(
         )
     else:
         _echo_lines("damaged", report.problems)
-        typer.echo(f"{destination}: {report.messages} messages saved, {report.lost_bytes} bytes lost")
+        typer.echo(f"{destination}: {counted(report.messages, 'message')} saved, {report.lost_bytes} bytes lost")
     raise typer.Exit(ExitCode.PARTIAL if report.lost_bytes or report.problems else ExitCode.OK)
 
 
 @app.command()
 def convert(
-    recording: Annotated[
-        Path,
-        typer.Argument(
-            metavar="INPUT",
-            help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log, a .bag of the RealSense "
-            "SDK, a folder of depth PNGs.",
-        ),
-    ],
+    recording: RecordingPath,
     output: Annotated[
         Path, typer.Option("-o", "--output", metavar="OUT.mcap", help="The file to write; never overwritten.")
     ],
     intrinsics: Intrinsics = None,
-    depth_unit: DepthUnit = 0.001,
+    depth_unit: DepthUnit = None,
     as_json: Json = False,
 ) -> None:
     """Turn a recording into one MCAP file. Exit code 3: the input is damaged, and this is what could be read."""
     from drivers.recording_conversion import convert as convert_recording
     from drivers.recording_reader import open_recording
 
-    with open_recording(recording, intrinsics=intrinsics, depth_unit_m=depth_unit) as opened:
+    refuse_folder_options(recording, intrinsics, depth_unit)
+    with open_recording(recording, intrinsics=intrinsics, depth_unit_m=depth_unit or METRES_PER_COUNT) as opened:
         report = convert_recording(opened, output)
         damaged = opened.truncated or bool(report.problems)
     if as_json:
@@ -140,7 +144,10 @@ def convert(
     else:
         _echo_lines("damaged", report.problems)
         _echo_lines("left out", [f"{count} {name}" for name, count in report.left_out.items()])
-        typer.echo(f"{output}: {report.messages} messages on {', '.join(sorted(report.topics))}")
+        topics = ", ".join(sorted(report.topics))
+        if len(report.topics) > _MOST_NAMED:
+            topics = f"{len(report.topics)} topics, which `bag info` lists"
+        typer.echo(f"{output}: {counted(report.messages, 'message')} on {topics}")
     raise typer.Exit(ExitCode.PARTIAL if damaged else ExitCode.OK)
 
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tools.commands.options import ConfigFile, Json, load_config, print_json
-from tools.errors import UsageError
 from tools.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -15,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def doctor(
-    camera: Annotated[bool, typer.Option("--camera", help="Look at the depth camera.")] = False,
+    _camera: Annotated[
+        bool, typer.Option("--camera", help="Look at the depth camera; so far all that there is to look at.")
+    ] = True,
     depth: Annotated[
         str, typer.Option("--depth", metavar="NODE", help="Which one: auto, a node, or emulated:DRIVE.")
     ] = "auto",
@@ -25,10 +26,9 @@ def doctor(
 ) -> None:
     """Say which depth camera is plugged in, where its calibration comes from, and what its frames are like.
 
+    That is all it can look at; a lidar says what is wrong with it when `run` or `record` starts it.
     Exit code 4: there is none, or it cannot be used, with the reason in one line; 3: there is something to fix.
     """
-    if not camera:
-        raise UsageError("say what to look at: --camera")
     from dataclasses import asdict
 
     from tools.camera_check import check_camera

@@ -42,7 +42,8 @@ def features(
     from mapping.map_io import read_map
     from tools.feature_study import study_features, table_of
     from tools.plots import draw_inliers
-    from tools.results import check_run_folder, new_run_folder, writing_to
+    from tools.result_folder import FEATURES, check_result_folder, new_results
+    from tools.results import writing_to
 
     try:
         methods = [FeatureMethod(*name.split("+", maxsplit=1)) for name in names.split(",")]
@@ -52,11 +53,11 @@ def features(
     except (FusionError, ValueError) as error:
         raise UsageError(f"--features {names} --alphas {alphas}: {error}") from error
     if output is not None:
-        check_run_folder(output)
+        check_result_folder(output, FEATURES)
     trials = study_features(read_map(a), read_map(b), THESIS, (methods, thresholds), seed, log.info)
     report = {"a": str(a), "b": str(b), "seed": seed, "rows": [asdict(trial) for trial in trials]}
     if output is not None:
-        folder = new_run_folder(output)
+        folder = new_results(output, FEATURES)
         with writing_to(folder):
             draw_inliers(folder / "inliers.png", trials, f"{a.stem} and {b.stem}: matches that agree on one motion")
             (folder / "report.json").write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")

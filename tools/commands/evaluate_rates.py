@@ -49,11 +49,12 @@ def rates(
     from tools.plots import draw_rate_maps, draw_real_time_factors
     from tools.rate_study import study_rates
     from tools.replay_run import recorded_config
-    from tools.results import check_run_folder, new_run_folder, writing_to
+    from tools.result_folder import RATES, check_result_folder, new_results
+    from tools.results import writing_to
 
     cells = _numbers(resolutions, float, "--cells-per-meter")
     steps = _numbers(every, int, "--scan-every")
-    check_run_folder(output)
+    check_result_folder(output, RATES)
     true = None if relations is None else read_relations(relations)
     with open_recording(recording) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
@@ -62,7 +63,7 @@ def rates(
         maps = study_rates(opened, config, cells, steps, true, log.info)
         simulated = opened.metadata.get("mapfuse.origin", {}).get("simulated") == "true"
     report = {"log": str(recording), "simulated": simulated, "maps": [_row(each) for each in maps]}
-    folder = new_run_folder(output)
+    folder = new_results(output, RATES)
     title = f"{recording.name}{' (SIMULATED)' if simulated else ''}"
     with writing_to(folder):
         draw_rate_maps(folder / "maps.png", maps, f"{title}: maps and pose graphs for r and T")

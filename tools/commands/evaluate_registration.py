@@ -64,10 +64,11 @@ def registration(
 
     from tools.registration_evaluation import chosen_pairs, evaluate_registration, register_by
     from tools.registration_scores import failure_lines, table_of
-    from tools.results import Report, check_run_folder, new_run_folder, writing_to
+    from tools.result_folder import REGISTRATION, check_result_folder, new_results
+    from tools.results import Report, writing_to
 
     if output is not None:
-        check_run_folder(output)
+        check_result_folder(output, REGISTRATION)
     if cache is not None and leave_one_out is None:
         raise UsageError("--cache: only with --leave-one-out")
     if leave_one_out is not None and method != MethodName.default:
@@ -81,7 +82,7 @@ def registration(
         if output is not None:
             with writing_to(output):
                 rows_file = open_files.enter_context(
-                    (new_run_folder(output) / "rows.jsonl").open("w", encoding="utf-8")
+                    (new_results(output, REGISTRATION) / "rows.jsonl").open("w", encoding="utf-8")
                 )
 
         def on_row(row: Report) -> None:

@@ -29,7 +29,10 @@ from tools.exit_codes import ExitCode
 
 
 def fuse(
-    maps: Annotated[list[Path], typer.Argument(metavar="A B", help="Two maps: .yaml or .npz, any resolutions.")],
+    maps: Annotated[
+        list[Path],
+        typer.Argument(metavar="A B", help="Two maps: .yaml or .npz, any resolutions; of one alone a copy is made."),
+    ],
     output: OutputFolder = None,
     seed: Seed = 0,
     as_json: Json = False,

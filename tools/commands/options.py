@@ -19,6 +19,25 @@ if TYPE_CHECKING:
     from fusion.algorithm3 import Algorithm3Settings
     from tools.config import Config
 
+RecordingPath = Annotated[
+    Path,
+    typer.Argument(
+        metavar="FILE",
+        help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log, a RealSense .bag, a folder of"
+        " depth PNGs.",
+    ),
+]
+Intrinsics = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="3x3 camera matrix of a folder of depth PNGs.  [default: its camera-intrinsics.txt]"
+    ),
+]
+METRES_PER_COUNT = 0.001
+DepthUnit = Annotated[
+    float | None,
+    typer.Option(min=1e-6, max=1.0, metavar="M", help="Metres per count of a folder of depth PNGs.  [default: 0.001]"),
+]
 LidarPort = Annotated[
     str | None, typer.Option("--lidar", metavar="PORT", help="The RPLIDAR's port: a path or any pyserial URL.")
 ]
@@ -181,6 +200,15 @@ def alpha_of(text: str) -> float | None:
         return float(text)
     except ValueError as error:
         raise UsageError(f"--alpha {text}: must be a number from 0.01 to 0.99, 0 or auto") from error
+
+
+def refuse_folder_options(recording: Path, intrinsics: Path | None, depth_unit: float | None = None) -> None:
+    """Raise UsageError where what only a folder of depth PNGs needs is given for a recording that tells it itself."""
+    from drivers.depth_folder import is_depth_folder
+
+    given = [name for name, value in (("--intrinsics", intrinsics), ("--depth-unit", depth_unit)) if value is not None]
+    if given and recording.exists() and not is_depth_folder(recording):
+        raise UsageError(f"{' and '.join(given)}: only for a folder of depth PNGs; {recording} tells that itself")
 
 
 def require_sensor(lidar: str | None, depth: str | None) -> None:

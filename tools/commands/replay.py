@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import logging
 from enum import Enum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from tools.commands.options import (
+    METRES_PER_COUNT,
     CellsPerMeter,
     ConfigFile,
+    DepthUnit,
+    Intrinsics,
     Json,
     MapFile,
     OutputFolder,
+    RecordingPath,
     ResolutionM,
     Resume,
     load_config,
     print_json,
+    refuse_folder_options,
 )
 from tools.exit_codes import ExitCode
 
@@ -34,14 +38,7 @@ class OdometrySource(str, Enum):
 
 
 def replay(
-    recording: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE",
-            help="An MCAP or .db3 file, the folder of a ROS 2 bag, a CARMEN or tinySLAM log, a RealSense .bag, a folder"
-            " of depth PNGs.",
-        ),
-    ],
+    recording: RecordingPath,
     output: OutputFolder = None,
     config_file: ConfigFile = None,
     resolution: ResolutionM = None,
@@ -53,9 +50,8 @@ def replay(
             " images. [default: kiss]"
         ),
     ] = None,
-    intrinsics: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The camera's 3x3 matrix, for a folder of depth PNGs.")
-    ] = None,
+    intrinsics: Intrinsics = None,
+    depth_unit: DepthUnit = None,
     loop_closure: Annotated[
         bool | None, typer.Option("--loop-closure/--no-loop-closure", help="Look for places seen before.")
     ] = None,
@@ -77,15 +73,20 @@ def replay(
     Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum and report.json; with a lidar and a depth camera also
     depth_map.* and both_map.*. A recording of `run` or `record` is mapped with the configuration that was recorded with
     it, unless --config is given. Exit code 3: the recording is damaged, and was mapped as far as it goes; or tracking
-    was lost and a piece of the drive has no place in the map.
+    was lost and a piece of the drive has no place in the map; or the car was not found on the map of --map.
     """
     from drivers.recording_reader import open_recording
+    from mapping.map_io import read_map
     from mapping.slam_state import read_state
     from tools.replay_run import recorded_config, replay_recording
-    from tools.results import check_run_folder, lost_pieces
+    from tools.result_folder import MAPPED, check_result_folder
+    from tools.results import is_placed
 
-    check_run_folder(output)
-    with open_recording(recording, intrinsics=intrinsics) as opened:
+    check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None])
+    refuse_folder_options(recording, intrinsics, depth_unit)
+    if map_file is not None:
+        read_map(map_file)  # a bad file must not cost the time of a replay
+    with open_recording(recording, intrinsics=intrinsics, depth_unit_m=depth_unit or METRES_PER_COUNT) as opened:
         config = load_config(config_file) if config_file else recorded_config(opened)
         config = config.with_resolution(resolution, cells_per_meter).with_odometry(odometry.value if odometry else None)
         config = config.with_slam(loop_closure=loop_closure, refine=refine, scan_every=scan_every)
@@ -101,5 +102,5 @@ def replay(
     if as_json:
         print_json(report)
     raise typer.Exit(
-        ExitCode.PARTIAL if report["truncated"] or report["problems"] or lost_pieces(report) else ExitCode.OK
+        ExitCode.PARTIAL if report["truncated"] or report["problems"] or not is_placed(report) else ExitCode.OK
     )

@@ -43,18 +43,20 @@ def run(
     Writes map.yaml/.pgm/.npz/.png, pose_graph.png, trajectory.tum, report.json, recording.mcap and slam_state.npz, from
     which --resume goes on; then refines the map and writes it again (Ctrl-C once more leaves that out). Exit code 4:
     the lidar is missing, silent, busy or faulty, or was lost on the way (all that came is saved); 3: scans were
-    dropped, the recording has gaps, a piece of the drive has no place in the map, or the camera beside a lidar was
-    lost. With both, depth_map.* and both_map.* are written too; a camera alone makes the map.
+    dropped, the recording has gaps, a piece of the drive has no place in the map, the car was not found on the map of
+    --map, or the camera beside a lidar was lost. With both, depth_map.* and both_map.* are written too; a camera alone
+    makes the map.
     """
     from mapping.map_io import read_map
     from mapping.slam_state import read_state
     from tools.lidar_session import run_session, session_is_whole
-    from tools.results import check_run_folder, lost_pieces, new_run_folder
+    from tools.result_folder import MAPPED, check_result_folder, new_results
+    from tools.results import is_placed
     from tools.signals import stop_on_signals
 
     require_sensor(lidar, depth)
     config = load_config(config_file, resolution, cells_per_meter)
-    check_run_folder(output)
+    check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None], records=record)
     earlier = read_state(resume) if resume else None
     if map_file is not None:
         read_map(map_file)  # before the lidar starts: a bad file must not cost a drive
@@ -62,7 +64,7 @@ def run(
         report, fault = run_session(
             lidar,
             config,
-            lambda: new_run_folder(output),
+            lambda: new_results(output, MAPPED),
             stop,
             record=record,
             resume=earlier,
@@ -73,5 +75,5 @@ def run(
         print_json(report)
     if fault is not None:
         raise fault
-    is_whole = session_is_whole(report) and not lost_pieces(report)
+    is_whole = session_is_whole(report) and is_placed(report)
     raise typer.Exit(ExitCode.OK if is_whole else ExitCode.PARTIAL)
