@@ -18,8 +18,9 @@ FloatArray = NDArray[np.float64]
 def _frozen_array(values: FloatArray, shape: tuple[int | None, ...], name: str) -> FloatArray:
     """Return a read-only float64 copy of `values`; raise ValueError unless its shape matches (None = any length)."""
     array = np.array(values, dtype=np.float64)
-    if array.ndim != len(shape) or any(
-        want is not None and want != got for want, got in zip(shape, array.shape, strict=True)
+    if array.shape != shape and (
+        array.ndim != len(shape)
+        or any(want is not None and want != got for want, got in zip(shape, array.shape, strict=True))
     ):
         raise ValueError(f"{name} has shape {array.shape}, expected {shape}")
     array.setflags(write=False)
@@ -48,11 +49,12 @@ class LaserScan:
     complete: bool = True
 
     def __post_init__(self) -> None:
-        count = np.shape(self.ranges_m)[0] if np.ndim(self.ranges_m) == 1 else -1
-        for name in ("angles_rad", "ranges_m", "offsets_s"):
-            object.__setattr__(self, name, _frozen_array(getattr(self, name), (count,), name))
+        ranges_m = _frozen_array(self.ranges_m, (None,), "ranges_m")
+        object.__setattr__(self, "ranges_m", ranges_m)
+        object.__setattr__(self, "angles_rad", _frozen_array(self.angles_rad, ranges_m.shape, "angles_rad"))
+        object.__setattr__(self, "offsets_s", _frozen_array(self.offsets_s, ranges_m.shape, "offsets_s"))
         if self.intensities is not None:
-            object.__setattr__(self, "intensities", _frozen_array(self.intensities, (count,), "intensities"))
+            object.__setattr__(self, "intensities", _frozen_array(self.intensities, ranges_m.shape, "intensities"))
 
     @property
     def valid(self) -> NDArray[np.bool_]:

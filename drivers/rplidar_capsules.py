@@ -1,4 +1,4 @@
-"""Measurement packets of the RPLIDAR to samples: batched, integer-exact, without state.
+"""Measurement packets of the RPLIDAR to samples: compiled, integer-exact, without state.
 
 Angles are in 1/64 deg ("q6"), clockwise, in [0, 23040); distances in 1/4 mm ("q2"), 0 = no measurement. The arithmetic
 is that of Slamtec's SDK 2.1: floor shifts on 1/65536 deg ("q16"), sample index from 0. One thing differs: a turn ends
@@ -13,11 +13,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from drivers.rplidar_protocol import PACKET_SAMPLES, Answer
+from drivers.rplidar_protocol import Answer
 
 IntArray = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 Packets = NDArray[np.uint8]
 
 FULL_TURN_Q6 = 360 * 64
@@ -41,6 +43,11 @@ class Samples:
 
     def __len__(self) -> int:
         return len(self.angle_q6)
+
+    def part(self, start: int, stop: int) -> Samples:
+        """Return the samples from start to before stop."""
+        quality = None if self.quality is None else self.quality[start:stop]
+        return Samples(self.angle_q6[start:stop], self.distance_q2[start:stop], self.new_turn[start:stop], quality)
 
 
 def _vbs_table() -> tuple[IntArray, IntArray]:
@@ -88,68 +95,22 @@ def restart_flags(packets: Packets) -> NDArray[np.bool_]:
 
 def decode_nodes(packets: Packets) -> Samples:
     """Standard nodes (P, 5) to P samples; they carry their own angle, turn flag and quality."""
-    b = packets.astype(np.int64)
-    return Samples(
-        angle_q6=b[:, 1] >> 1 | b[:, 2] << 7,
-        distance_q2=b[:, 3] | b[:, 4] << 8,
-        new_turn=(b[:, 0] & 1) != 0,
-        quality=b[:, 0] >> 2,
-    )
+    return Samples(*_nodes(packets))
 
 
 def decode_express(packets: Packets) -> Samples:
     """Express capsules (P + 1, 84) to 32 P samples."""
-    cabins = packets[:-1, 4:].astype(np.int64).reshape(-1, 16, 5)
-    words = cabins[:, :, 0:4:2] | cabins[:, :, 1:4:2] << 8  # (P, 16, 2)
-    nibbles = np.stack((cabins[:, :, 4] & 15, cabins[:, :, 4] >> 4), axis=2)
-    correction_q3 = nibbles | (words & 3) << 4  # unsigned: the document's "sign bit" does not exist in hardware
-    count = len(cabins)
-    return _capsule_samples(
-        packets, Answer.EXPRESS, (words & 0xFFFC).reshape(count, 32), correction_q3.reshape(count, 32) << 13
-    )
+    return Samples(*_express(packets))
 
 
 def decode_dense(packets: Packets) -> Samples:
     """Dense capsules (P + 1, 84) to 40 P samples."""
-    body = packets[:-1, 4:].astype(np.int64)
-    distance_mm = body[:, 0::2] | body[:, 1::2] << 8
-    return _capsule_samples(packets, Answer.DENSE, distance_mm << 2, np.zeros_like(distance_mm))
+    return Samples(*_dense(packets))
 
 
 def decode_ultra(packets: Packets) -> Samples:
     """Ultra capsules (P + 1, 132) to 96 P samples: 32 major distances each, two predictions between neighbours."""
-    words = np.ascontiguousarray(packets[:, 4:]).view("<u4").astype(np.int64).reshape(-1)
-    used = (len(packets) - 1) * 32
-    major, scale = VBS_MM[words & 0xFFF], VBS_SHIFT[words & 0xFFF]
-    here, after = major[:used], major[1 : used + 1]
-    scale_here, scale_after = scale[:used], scale[1 : used + 1]
-    first, second = (((words[:used] >> shift & 0x3FF) ^ 0x200) - 0x200 for shift in (12, 22))
-    from_next = (here == 0) & (after > 0)
-    predicted1 = (first << np.where(from_next, scale_after, scale_here)) + np.where(from_next, after, here)
-    predicted2 = (second << scale_after) + after
-    predicted1 = np.where(_is_invalid(first), 0, predicted1)
-    predicted2 = np.where(_is_invalid(second), 0, predicted2)
-    distance_mm = np.maximum(np.stack((here, predicted1, predicted2), axis=1), 0)
-    distance_q2 = (distance_mm << 2).reshape(-1, 96)
-    return _capsule_samples(packets, Answer.ULTRA, distance_q2, ultra_offset_q16(distance_q2))
-
-
-def _is_invalid(prediction: IntArray) -> NDArray[np.bool_]:
-    invalid: NDArray[np.bool_] = (prediction == _LOWEST_PREDICTION) | (prediction == _HIGHEST_PREDICTION)
-    return invalid
-
-
-def _capsule_samples(packets: Packets, kind: Answer, distance_q2: IntArray, offset_q16: IntArray) -> Samples:
-    start_q6 = start_angles_q6(packets)
-    head = head_angles_q16(start_q6, PACKET_SAMPLES[kind], kind)
-    wrapped_q6 = start_q6[1:] + np.where(np.diff(start_q6) < 0, FULL_TURN_Q6, 0)
-    head_after = np.column_stack((head[:, 1:], wrapped_q6 << Q6_TO_Q16))
-    full_turn = FULL_TURN_Q6 << Q6_TO_Q16
-    return Samples(
-        angle_q6=(((head - offset_q16) >> Q6_TO_Q16) % FULL_TURN_Q6).reshape(-1),
-        distance_q2=distance_q2.reshape(-1),
-        new_turn=((head < full_turn) & (head_after >= full_turn)).reshape(-1),
-    )
+    return Samples(*_ultra(packets, VBS_MM, VBS_SHIFT))
 
 
 DECODERS: dict[int, Callable[[Packets], Samples]] = {
@@ -158,3 +119,138 @@ DECODERS: dict[int, Callable[[Packets], Samples]] = {
     Answer.ULTRA: decode_ultra,
     Answer.DENSE: decode_dense,
 }
+
+
+@njit(cache=True, nogil=True)
+def _nodes(packets: Packets) -> tuple[IntArray, IntArray, Flags, IntArray]:
+    count = len(packets)
+    angle_q6, distance_q2, quality = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    new_turn = np.empty(count, np.bool_)
+    for place in range(count):
+        node = packets[place]
+        angle_q6[place] = _word(node[1], node[2]) >> 1
+        distance_q2[place] = _word(node[3], node[4])
+        new_turn[place] = node[0] & 1
+        quality[place] = node[0] >> 2
+    return angle_q6, distance_q2, new_turn, quality
+
+
+@njit(cache=True, nogil=True)
+def _express(packets: Packets) -> tuple[IntArray, IntArray, Flags]:
+    angle_q6, distance_q2, new_turn = _for_samples((len(packets) - 1) * 32)
+    for place in range(len(packets) - 1):
+        head, turned = _start_and_turn(packets, place)
+        step = turned << 5
+        for k in range(32):
+            cabin = packets[place, 4 + k // 2 * 5 : 9 + k // 2 * 5]
+            word = _word(cabin[k % 2 * 2], cabin[k % 2 * 2 + 1])
+            nibble = np.int64(cabin[4]) >> 4 if k % 2 else np.int64(cabin[4]) & 15
+            correction_q3 = nibble | (word & 3) << 4  # unsigned: the document's sign bit does not exist in hardware
+            sample = place * 32 + k
+            angle_q6[sample] = _wrapped_q6(head + k * step - (correction_q3 << 13))
+            distance_q2[sample] = word & 0xFFFC
+        _flag_turn(new_turn, place * 32, 32, head, step, turned)
+    return angle_q6, distance_q2, new_turn
+
+
+@njit(cache=True, nogil=True)
+def _dense(packets: Packets) -> tuple[IntArray, IntArray, Flags]:
+    angle_q6, distance_q2, new_turn = _for_samples((len(packets) - 1) * 40)
+    for place in range(len(packets) - 1):
+        head, turned = _start_and_turn(packets, place)
+        step = (turned << Q6_TO_Q16) // 40
+        for k in range(40):
+            sample = place * 40 + k
+            angle_q6[sample] = _wrapped_q6(head + k * step)
+            distance_q2[sample] = _word(packets[place, 4 + 2 * k], packets[place, 5 + 2 * k]) << 2
+        _flag_turn(new_turn, place * 40, 40, head, step, turned)
+    return angle_q6, distance_q2, new_turn
+
+
+@njit(cache=True, nogil=True)
+def _ultra(packets: Packets, mm_of: IntArray, shift_of: IntArray) -> tuple[IntArray, IntArray, Flags]:
+    angle_q6, distance_q2, new_turn = _for_samples((len(packets) - 1) * 96)
+    for place in range(len(packets) - 1):
+        head, turned = _start_and_turn(packets, place)
+        step = (turned << 5) // 3
+        word = _ultra_word(packets, place, 0)
+        for cabin in range(32):
+            here, scale_here = mm_of[word & 0xFFF], shift_of[word & 0xFFF]
+            next_word = _ultra_word(packets, place, cabin + 1)
+            after, scale_after = mm_of[next_word & 0xFFF], shift_of[next_word & 0xFFF]
+            base, scale = (after, scale_after) if here == 0 and after > 0 else (here, scale_here)
+            for part in range(3):
+                if part == 0:
+                    distance = here
+                elif part == 1:
+                    distance = _predicted(word >> 12, base, scale)
+                else:
+                    distance = _predicted(word >> 22, after, scale_after)
+                k = 3 * cabin + part
+                sample = place * 96 + k
+                distance_q2[sample] = distance << 2
+                angle_q6[sample] = _wrapped_q6(head + k * step - _offset_q16(distance << 2))
+            word = next_word
+        _flag_turn(new_turn, place * 96, 96, head, step, turned)
+    return angle_q6, distance_q2, new_turn
+
+
+@njit(cache=True, nogil=True)
+def _ultra_word(packets: Packets, place: int, cabin: int) -> int:
+    """Return a cabin's 32 bits; the one behind the last is the next capsule's first."""
+    at = 4 + 4 * (cabin % 32)
+    place += cabin // 32
+    low, high = _word(packets[place, at], packets[place, at + 1]), _word(packets[place, at + 2], packets[place, at + 3])
+    return low | high << 16
+
+
+@njit(cache=True, nogil=True)
+def _predicted(bits: int, base_mm: int, scale: int) -> int:
+    """Return the distance in mm that ten bits predict, 0 where they say that there is none; never below 0."""
+    prediction = ((bits & 0x3FF) ^ 0x200) - 0x200
+    if prediction in (_LOWEST_PREDICTION, _HIGHEST_PREDICTION):
+        return 0
+    return max((prediction << scale) + base_mm, 0)
+
+
+@njit(cache=True, nogil=True)
+def _offset_q16(distance_q2: int) -> int:
+    """One value of ultra_offset_q16."""
+    radians_q16 = _UNKNOWN_OFFSET_RAD_Q16
+    if distance_q2 >= 200:
+        reciprocal = 98361 // distance_q2
+        radians_q16 = 9150 - (reciprocal << 6) - reciprocal**3 // 98304
+    return int(radians_q16 * 180.0 / 3.14159265)
+
+
+@njit(cache=True, nogil=True)
+def _start_and_turn(packets: Packets, place: int) -> tuple[int, int]:
+    """Return a capsule's start angle in 1/65536 deg and the turn to the next one's in 1/64 deg."""
+    here = _word(packets[place, 2], packets[place, 3]) & 0x7FFF
+    turned = (_word(packets[place + 1, 2], packets[place + 1, 3]) & 0x7FFF) - here
+    return here << Q6_TO_Q16, turned + FULL_TURN_Q6 if turned < 0 else turned
+
+
+@njit(cache=True, nogil=True)
+def _flag_turn(new_turn: Flags, first: int, count: int, head: int, step: int, turned: int) -> None:
+    """Flag the last sample before the head passes zero, the next packet's start angle being the last word."""
+    full = FULL_TURN_Q6 << Q6_TO_Q16
+    for k in range(count):
+        after = head + (k + 1) * step if k + 1 < count else head + (turned << Q6_TO_Q16)
+        new_turn[first + k] = head + k * step < full <= after
+
+
+@njit(cache=True, nogil=True)
+def _word(low: np.uint8, high: np.uint8) -> int:
+    word: int = np.int64(low) | np.int64(high) << 8
+    return word
+
+
+@njit(cache=True, nogil=True)
+def _wrapped_q6(angle_q16: int) -> int:
+    return (angle_q16 >> Q6_TO_Q16) % FULL_TURN_Q6
+
+
+@njit(cache=True, nogil=True)
+def _for_samples(count: int) -> tuple[IntArray, IntArray, Flags]:
+    return np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.bool_)

@@ -8,12 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from drivers.errors import DeviceFaultError
-from drivers.messages import FloatArray, LaserScan, LidarStream, RawChunk
-from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, IntArray, Packets, Samples, restart_flags, start_angles_q6
-from drivers.rplidar_framing import PacketRun, find_packets
+from drivers.messages import LaserScan, LidarStream, RawChunk
+from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps, start_q6
+from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples, decode_nodes
+from drivers.rplidar_framing import PacketFinder, PacketRun
+from drivers.rplidar_node_turns import NodePiece, NodeTurns
 from drivers.rplidar_protocol import (
     DESCRIPTOR_BYTES,
     PACKET_BYTES,
@@ -26,8 +27,6 @@ from drivers.rplidar_turns import TurnAssembler
 from drivers.uart import BITS_PER_BYTE
 
 _FASTEST_TURN_HZ = 30.0  # twice what the head can do: a larger step between capsules is damage
-_SPEED_UP = 1.5  # between neighbouring capsules inertia forbids more: whole capsules were lost
-_SPEED_UP_SLACK_Q6 = 2 * 64
 _LONGEST_WAIT_S = 0.25  # capsules wait so long for the end of their turn
 
 
@@ -55,27 +54,34 @@ class RplidarDecoder:
                 " choose another scan mode"
             )
         self._kind = Answer(stream.answer_type)
-        self._sample_s = stream.sample_us * 1e-6
+        self._size = PACKET_BYTES[self._kind]
+        self._per_packet = PACKET_SAMPLES[self._kind]
+        self._packet_s = self._per_packet * stream.sample_us * 1e-6
         self._byte_s = BITS_PER_BYTE / stream.baud
-        self._latency_s = packet_latency_s(self._sample_s, PACKET_BYTES[self._kind], stream.baud)
-        self._clock = SampleClock(self._sample_s)
+        self._latency_s = packet_latency_s(stream.sample_us * 1e-6, self._size, stream.baud)
+        self._clock = SampleClock(stream.sample_us * 1e-6)
         self._stream = stream
         self._turns: TurnAssembler | None = None
         self._epoch_ns = 0
+        self._finder = PacketFinder(self._kind)
         self._pending = b""  # bytes not settled yet
         self._maybe_descriptor = True
-        self._locked = True  # a stream begins with a packet
         self._skipped = 0  # bytes between the last sound packet and the pending ones
-        self._held = np.empty((0, PACKET_BYTES[self._kind]), dtype=np.uint8)  # capsules that wait for their turn's end
-        self._step_q6: int | None = None  # the last sound step of the head from capsule to capsule
+        self._node_turns = NodeTurns()
+        self._held = np.empty((0, self._size), dtype=np.uint8)  # capsules that wait for their turn's end
+        self._step_q6 = -1  # the last sound step of the head from capsule to capsule
+        self._head_q6 = 0  # behind the last samples
         self._next_packet = 0
+        self._next_sample = 0  # of the nodes whose turns are settled
         self._counts = dict.fromkeys(DecoderCounters.__slots__, 0)
 
     @property
     def counters(self) -> DecoderCounters:
         """A snapshot of the counters."""
         counts = dict(self._counts)
-        if len(self._held) > 1:
+        if self._kind == Answer.NODES:
+            self._count(counts, decode_nodes(self._node_turns.held))
+        elif len(self._held) > 1:
             self._count(counts, DECODERS[self._kind](self._held))
         return DecoderCounters(**counts)
 
@@ -87,14 +93,13 @@ class RplidarDecoder:
         self._pending += chunk.data
         if self._maybe_descriptor and not self._strip_descriptor():
             return []
-        framing = find_packets(self._pending, self._kind, self._locked)
-        self._locked = framing.locked
+        framing = self._finder.find(self._pending)
         scans: list[LaserScan] = []
         settled = 0
-        chunk_s = (chunk.stamp_ns - self._epoch_ns) * 1e-9
+        end_s = (chunk.stamp_ns - self._epoch_ns) * 1e-9 - self._latency_s
         for run in framing.runs:
             self._skip(run.start - settled)
-            scans += self._take(run, chunk_s, self._turns)
+            scans += self._take(run, end_s, self._turns)
             settled = run.end
         self._skip(framing.used - settled)
         self._pending = self._pending[framing.used :]
@@ -104,7 +109,7 @@ class RplidarDecoder:
 
     def _strip_descriptor(self) -> bool:
         """Drop the stream's own descriptor if the bytes begin with it; False while that cannot be told yet."""
-        whole = Descriptor(PACKET_BYTES[self._kind], repeats=True, kind=self._kind).encode()
+        whole = Descriptor(self._size, repeats=True, kind=self._kind).encode()
         begin = self._pending[:DESCRIPTOR_BYTES]
         if len(begin) < DESCRIPTOR_BYTES and whole.startswith(begin):
             return False
@@ -117,35 +122,44 @@ class RplidarDecoder:
         self._skipped += count
         self._counts["resync_bytes"] += count
 
-    def _take(self, run: PacketRun, chunk_s: float, turns: TurnAssembler) -> list[LaserScan]:
-        """Decode a run of sound packets that ended `behind` bytes before the chunk did."""
+    def _take(self, run: PacketRun, end_s: float, turns: TurnAssembler) -> list[LaserScan]:
+        """Decode a run of sound packets; end_s: a sample whose packet the chunk ends with was taken not later."""
         scans = self._bridge_damage(turns) if self._skipped else []
-        count = len(run.packets)
         first = self._next_packet
-        self._next_packet += count
-        self._counts["packets"] += count
-        size = PACKET_BYTES[self._kind]
-        behind = len(self._pending) - (run.start + size * np.arange(1, count + 1))
-        last_sample = (first + np.arange(1, count + 1)) * PACKET_SAMPLES[self._kind] - 1
-        not_after_s = np.asarray(chunk_s - behind * self._byte_s - self._latency_s, dtype=np.float64)
+        self._next_packet += len(run.packets)
+        self._counts["packets"] += len(run.packets)
         if self._kind == Answer.NODES:
-            self._clock.observe(last_sample, not_after_s)
-            return scans + self._decode(run.packets, first, turns)
-        return scans + self._take_capsules(run.packets, first, last_sample, not_after_s, turns)
+            self._observe(run, first, 0, len(run.packets), end_s)
+            return scans + self._add_nodes(self._node_turns.take(run.packets), turns)
+        return scans + self._take_capsules(run, first, end_s, turns)
+
+    def _observe(self, run: PacketRun, first: int, start: int, stop: int, end_s: float) -> None:
+        """Tell the clock of packets start to stop of a run.
+
+        They come evenly, so one says all: the last, or on a line that is slower than the sensor the first.
+        """
+        place = stop - 1 if self._size * self._byte_s <= self._packet_s else start
+        behind = len(self._pending) - run.start - (place + 1) * self._size
+        self._clock.observe((first + place + 1) * self._per_packet - 1, end_s - behind * self._byte_s)
 
     def _bridge_damage(self, turns: TurnAssembler) -> list[LaserScan]:
-        """Carry on after skipped bytes; the sample count stays known where whole packets were damaged, not lost.
+        """Carry on after skipped bytes; a byte lost or gained leaves no doubt how many packets they were.
 
         Returns what the capsules that waited complete: a turn that took too long.
         """
-        lost, rest = divmod(self._skipped, PACKET_BYTES[self._kind])
+        lost = round(self._skipped / self._size)
+        unclear = abs(self._skipped - lost * self._size) > max(1, self._size // 8)
         self._skipped = 0
         if self._next_packet == 0:
             return []
-        scans = self._decode(self._held, self._next_packet - len(self._held), turns)
+        if self._kind == Answer.NODES:
+            scans = self._add_nodes(self._node_turns.gap(), turns)
+        else:
+            scans = self._decode(self._held, self._next_packet - len(self._held), turns)
         self._counts["rejected_packets"] += max(1, lost)
         self._next_packet += lost
-        self._break(turns, restart_clock=rest != 0)
+        self._next_sample = self._next_packet
+        self._break(turns, restart_clock=unclear)
         return scans
 
     def _break(self, turns: TurnAssembler, *, restart_clock: bool) -> None:
@@ -155,69 +169,59 @@ class RplidarDecoder:
             turns.fix_times()
             self._clock.restart()
 
-    def _take_capsules(
-        self,
-        packets: Packets,
-        first: int,
-        last_sample: IntArray,
-        not_after_s: FloatArray,
-        turns: TurnAssembler,
-    ) -> list[LaserScan]:
-        """Settle capsules up to the last, whose samples depend on the next; decode them once a turn is over.
+    def _add_nodes(self, pieces: list[NodePiece], turns: TurnAssembler) -> list[LaserScan]:
+        scans: list[LaserScan] = []
+        for piece in pieces:
+            samples = decode_nodes(piece.packets)
+            self._count(self._counts, samples)
+            scans += turns.extend(samples, self._next_sample)
+            self._next_sample += len(samples)
+            if piece.ends_turn:
+                scans += turns.end_turn(guessed=piece.guessed)
+        return scans
 
-        Decoding is numpy on short arrays: a turn at once costs a fraction of what its pieces would.
-        """
+    def _take_capsules(self, run: PacketRun, first: int, end_s: float, turns: TurnAssembler) -> list[LaserScan]:
+        """Settle capsules up to the last, whose samples depend on the next; decode them once a turn is over."""
         held = len(self._held)
-        stack = np.concatenate((self._held, packets))
-        first -= held
+        stack = np.concatenate((self._held, run.packets))
+        first_held = first - held
         settled = max(held - 1, 0)  # steps known from before
-        turned = np.diff(start_angles_q6(stack[settled:]))
-        steps, restarts = turned % FULL_TURN_Q6, restart_flags(stack[settled + 1 :])
-        broken = self._broken_steps(steps, restarts)
-        cuts = np.flatnonzero(restarts | broken)
-        waited_s = len(stack) * PACKET_SAMPLES[self._kind] * self._sample_s
-        if not (len(cuts) or (turned < 0).any() or turns.after_gap or waited_s > _LONGEST_WAIT_S):
-            self._clock.observe(last_sample, not_after_s)
+        limit_q6 = round(self._packet_s * _FASTEST_TURN_HZ * FULL_TURN_Q6)
+        verdicts = np.zeros(len(stack) - 1 - settled, dtype=np.int64)
+        passes_zero, unsound, self._step_q6 = judge_steps(stack, settled, self._step_q6, limit_q6, verdicts)
+        cuts = np.flatnonzero(verdicts).tolist() if unsound else []
+        waits = len(stack) * self._packet_s <= _LONGEST_WAIT_S
+        if not (cuts or passes_zero or turns.after_gap) and waits:
+            self._observe(run, first, 0, len(run.packets), end_s)
             self._held = stack
             return []
         scans: list[LaserScan] = []
         start = observed = 0
-        for cut in (*(cuts + settled).tolist(), len(stack) - 1):
+        for cut in (*(place + settled for place in cuts), len(stack) - 1):
             known = cut + 1 - held  # packets of this run up to the cut
             if known > observed:
-                self._clock.observe(last_sample[observed:known], not_after_s[observed:known])
+                self._observe(run, first, observed, known, end_s)
                 observed = known
-            scans += self._decode(stack[start : cut + 1], first + start, turns)
+            scans += self._decode(stack[start : cut + 1], first_held + start, turns)
             start = cut + 1
             if cut == len(stack) - 1:
                 break
-            self._counts["rejected_packets"] += int(broken[cut - settled])
+            self._counts["rejected_packets"] += verdicts[cut - settled] == BROKEN
             self._break(turns, restart_clock=True)
-            if restarts[cut - settled]:
+            if verdicts[cut - settled] == RESTARTED:
                 turns.discard()
         self._held = stack[-1:].copy()
         return scans
 
-    def _broken_steps(self, steps_q6: IntArray, restarts: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """For each step between neighbouring capsules: is it one that the head cannot have made?"""
-        limit_q6 = PACKET_SAMPLES[self._kind] * self._sample_s * _FASTEST_TURN_HZ * FULL_TURN_Q6
-        broken = np.zeros(len(steps_q6), dtype=np.bool_)
-        for place, (step, restart) in enumerate(zip(steps_q6.tolist(), restarts.tolist(), strict=True)):
-            if restart:
-                continue
-            before = step if self._step_q6 is None else self._step_q6
-            fits = step <= _inertia_limit_q6(before) and before <= _inertia_limit_q6(step) and step <= limit_q6
-            broken[place] = not fits
-            self._step_q6 = step if fits else None
-        return broken
-
     def _decode(self, packets: Packets, first_packet: int, turns: TurnAssembler) -> list[LaserScan]:
-        samples = DECODERS[self._kind](packets)
-        if not len(samples):
+        if len(packets) < 2:
             return []
+        samples = DECODERS[self._kind](packets)
         self._count(self._counts, samples)
-        index = first_packet * PACKET_SAMPLES[self._kind] + np.arange(len(samples))
-        return turns.add(samples, index)
+        passed_zero = turns.after_gap and start_q6(packets, 0) < self._head_q6
+        scans = turns.end_turn(guessed=True) if passed_zero else []
+        self._head_q6 = start_q6(packets, len(packets) - 1)
+        return scans + turns.add(samples, first_packet * self._per_packet)
 
     @staticmethod
     def _count(counts: dict[str, int], samples: Samples) -> None:
@@ -225,5 +229,13 @@ class RplidarDecoder:
         counts["valid_samples"] += int(np.count_nonzero(samples.distance_q2))
 
 
-def _inertia_limit_q6(step_q6: int) -> float:
-    return _SPEED_UP * step_q6 + _SPEED_UP_SLACK_Q6
+def load_compiled() -> None:
+    """Load all compiled code that decoding uses, so that no stream waits for it; the first time ever takes a while."""
+    for kind in map(Answer, DECODERS):
+        blank = np.zeros((2, PACKET_BYTES[kind]), dtype=np.uint8)
+        PacketFinder(kind).find(blank.tobytes())
+        DECODERS[kind](blank)
+        if kind == Answer.NODES:
+            NodeTurns().take(blank)
+        else:
+            judge_steps(blank, 0, -1, 0, np.zeros(1, dtype=np.int64))

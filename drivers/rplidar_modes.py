@@ -6,11 +6,11 @@ import struct
 from dataclasses import dataclass
 
 from drivers.errors import DeviceFaultError
-from drivers.rplidar_capsules import DECODERS
 from drivers.rplidar_channel import RplidarChannel
 from drivers.rplidar_protocol import (
     FIRST_FIRMWARE_WITH_CONF,
     FIRST_FIRMWARE_WITH_SAMPLE_RATE,
+    PACKET_BYTES,
     Answer,
     Command,
     Conf,
@@ -88,7 +88,7 @@ def _read_mode(channel: RplidarChannel, mode_id: int) -> ScanMode | None:
         max_distance_m=parse_q8(distance, "maximum distance") or _LEGACY_MAX_DISTANCE_M,
         answer_type=parse_u8(answer, "answer type"),
     )
-    return mode if mode.sample_us > 0 and mode.answer_type in DECODERS else None
+    return mode if mode.sample_us > 0 and mode.answer_type in PACKET_BYTES else None
 
 
 def _read(channel: RplidarChannel, entry: Conf, mode_id: int | None = None) -> bytes | None:

@@ -6,10 +6,11 @@ delay. So arrival - index * period is the clock's offset plus a delay >= 0, and 
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from drivers.messages import FloatArray
-from drivers.rplidar_capsules import IntArray
 from drivers.uart import BITS_PER_BYTE
 
 PIPELINE_SAMPLES = 1.5  # age of the last sample when its packet's first bit leaves, in samples [Slamtec SDK]
@@ -32,25 +33,28 @@ class SampleClock:
 
     def restart(self) -> None:
         """Forget the offset: an unknown number of samples was lost."""
-        self._base_s = np.inf
-        self._window_min_s = np.inf
+        self._base_s = math.inf
+        self._window_min_s = math.inf
         self._window_start = self._newest = 0
 
-    def observe(self, last_index: IntArray, not_after_s: FloatArray) -> None:
-        """Learn that the samples last_index (P,), rising, were taken not after not_after_s (P,)."""
-        newest = int(last_index[-1])
-        if np.isinf(self._base_s):
-            self._window_start = self._newest = newest
-        bound_s = float(np.min(not_after_s - last_index * self.sample_s))
-        leaked_s = self._base_s + _LEAK_S_PER_S * (newest - self._newest) * self.sample_s
+    def observe(self, index: int, not_after_s: float) -> None:
+        """Learn that a sample, later than those before, was taken not after not_after_s."""
+        if math.isinf(self._base_s):
+            self._window_start = self._newest = index
+        bound_s = not_after_s - index * self.sample_s
+        leaked_s = self._base_s + _LEAK_S_PER_S * (index - self._newest) * self.sample_s
         self._base_s = min(leaked_s, bound_s)
-        self._newest = newest
+        self._newest = index
         self._window_min_s = min(self._window_min_s, bound_s)
-        if (newest - self._window_start) * self.sample_s >= _WINDOW_S:
+        if (index - self._window_start) * self.sample_s >= _WINDOW_S:
             if self._window_min_s > self._base_s + _LATE_S:
                 self._base_s = self._window_min_s
-            self._window_start, self._window_min_s = newest, np.inf
+            self._window_start, self._window_min_s = index, math.inf
 
-    def times_s(self, index: IntArray) -> FloatArray:
-        """Best present estimate of when the samples index (N,) were taken."""
-        return np.asarray(self._base_s + index * self.sample_s, dtype=np.float64)
+    def time_s(self, index: int) -> float:
+        """Best present estimate of when one sample was taken."""
+        return self._base_s + index * self.sample_s
+
+    def times_s(self, first: int, count: int) -> FloatArray:
+        """Best present estimate of when count samples were taken, from index first on."""
+        return np.asarray(self._base_s + np.arange(first, first + count) * self.sample_s, dtype=np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.messages import LaserScan, LidarStream, Message, RawChunk
 from drivers.newest_queue import NewestQueue
-from drivers.rplidar_decoder import RplidarDecoder
+from drivers.rplidar_decoder import RplidarDecoder, load_compiled
 from drivers.sources import Closing
 
 _POLL_S = 0.05
@@ -33,6 +33,7 @@ class ScanReader(Closing):
     """
 
     def __init__(self, lidar: LiveLidar, *, queue_scans: int = 20) -> None:
+        load_compiled()
         self._lidar = lidar
         self._scans: NewestQueue[LaserScan] = NewestQueue(queue_scans)
         self._stamps_ns: list[int] = []

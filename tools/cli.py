@@ -21,6 +21,7 @@ from tools.commands import (
     bench,
     bench_depth,
     bench_fusion,
+    bench_lidar,
     bench_slam,
     config,
     demo,
@@ -29,6 +30,7 @@ from tools.commands import (
     evaluate,
     evaluate_camera,
     evaluate_features,
+    evaluate_lidar,
     evaluate_plans,
     evaluate_rates,
     evaluate_registration,
@@ -73,11 +75,13 @@ app.add_typer(bench.app, name="bench")
 bench.app.command("depth")(bench_depth.depth)
 bench.app.command("slam")(bench_slam.slam)
 bench.app.command("fusion")(bench_fusion.fusion)
+bench.app.command("lidar")(bench_lidar.lidar)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
 evaluate.app.command("camera")(evaluate_camera.camera)
 evaluate.app.command("features")(evaluate_features.features)
+evaluate.app.command("lidar")(evaluate_lidar.lidar)
 evaluate.app.command("plans")(evaluate_plans.plans)
 evaluate.app.command("robustness")(evaluate_robustness.robustness)
 evaluate.app.command("registration")(evaluate_registration.registration)

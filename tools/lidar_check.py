@@ -13,7 +13,7 @@ from pathlib import Path
 from drivers.errors import DriverError, PortBusyError, PortMissingError, PortPermissionError
 from drivers.messages import LaserScan, RawChunk
 from drivers.rplidar import Rplidar, open_rplidar
-from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
+from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder, load_compiled
 from drivers.rplidar_models import is_emulated
 from drivers.rplidar_motor import MotorControl
 from drivers.rplidar_protocol import FIRST_FIRMWARE_WITH_CONF, ScanMode
@@ -163,6 +163,7 @@ def _look_at_modes(lidar: Rplidar, wanted: str | None) -> Finding:
 
 
 def _measure(lidar: Rplidar, config: Config, seconds: float, stop: threading.Event) -> _Measured:
+    load_compiled()
     modes = lidar.scan_modes()
     stream = lidar.start(config.lidar.mode, config.lidar.motor_pwm)
     mode = next(mode for mode in modes if mode.name == stream.mode)

@@ -12,6 +12,7 @@ from pathlib import Path
 from drivers.errors import DriverError
 from drivers.messages import Recordable
 from drivers.recording_writer import McapRecorder, RecordingReport
+from drivers.rplidar_decoder import load_compiled
 from mapping.graph_state import GraphState
 from mapping.mount import Mount
 from mapping.slam import MappedScan
@@ -111,6 +112,7 @@ def record_session(
 ) -> tuple[Report, DriverError | None]:
     """Record until `stop`; return the report and the fault that ended the recording early."""
     clock = RunClock()
+    load_compiled()
     with started_sensors(lidar_port, camera_port, config, clock) as sensors:
         recorder = _start_recording(path, config, clock, sensors)
         try:

@@ -16,7 +16,7 @@ from typing import TypeVar
 import numpy as np
 
 from drivers.messages import DepthImage, LaserScan, LidarStream, Message, Odometry, RawChunk, Transform
-from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder
+from drivers.rplidar_decoder import DecoderCounters, RplidarDecoder, load_compiled
 from mapping.background import Background, at_once
 from mapping.depth_grid import add_grids
 from mapping.depth_projection import CameraMount
@@ -231,10 +231,11 @@ def base_frames(first: str | None) -> tuple[str, ...]:
 
 
 def warm_up() -> None:
-    """Load all compiled code by mapping a few turns in a made-up room, so that no scan waits for the compiler.
+    """Load all compiled code, also by mapping a few turns in a made-up room, so that no scan waits for the compiler.
 
     That takes part of a second, on the first run ever, which compiles, about a minute.
     """
+    load_compiled()
     loops = LoopSettings(least_path_m=0.5, least_overlap=0.0, least_hit_share=0.0, most_rival=2.0)
     mapper = Mapper(MappingSettings(graph=GraphSettings(delay=4, loops=loops)), Mount())
     bearings = np.linspace(-np.pi, np.pi, 240, endpoint=False)

@@ -21,7 +21,7 @@ from drivers.rplidar_capsules import (
     ultra_offset_q16,
 )
 from drivers.rplidar_encoding import encode_dense, encode_express, encode_ultra
-from drivers.rplidar_framing import find_packets
+from drivers.rplidar_framing import PacketFinder
 from drivers.rplidar_protocol import Answer
 
 
@@ -106,7 +106,7 @@ def test_a_turn_that_ends_on_a_packet_edge_is_not_missed() -> None:
 )
 def test_real_capsules_decode_as_the_sdk_does(data_dir: Path, key: str, kind: Answer) -> None:
     case = json.loads((data_dir / "rplidar_wire" / "hyunje_capsules.json").read_text())[key]
-    framing = find_packets(bytes.fromhex("".join(case["packets_hex"])), kind, locked=False)
+    framing = PacketFinder(kind).find(bytes.fromhex("".join(case["packets_hex"])))
     assert [len(run.packets) for run in framing.runs] == [5]
     samples = (decode_express if kind == Answer.EXPRESS else decode_ultra)(framing.runs[0].packets)
     nodes = np.array([node for packet in case["nodes_sdk"][:4] for node in packet])

@@ -22,7 +22,7 @@ from drivers.rplidar_encoding import (
     encode_ultra,
     vbs_code,
 )
-from drivers.rplidar_framing import find_packets
+from drivers.rplidar_framing import PacketFinder
 from drivers.rplidar_protocol import Answer
 
 SEED = st.integers(0, 2**32 - 1)
@@ -52,7 +52,7 @@ def test_express_round_trip(seed: int) -> None:
     assert np.array_equal(samples.distance_q2, distance[:2].reshape(-1) * 4)
     expected = (np.arange(64) * 58 - correction[:2].reshape(-1) * 8) % 23040
     assert np.array_equal(samples.angle_q6, expected)
-    assert find_packets(rows.tobytes(), Answer.EXPRESS, locked=False).used == rows.size
+    assert PacketFinder(Answer.EXPRESS).find(rows.tobytes()).used == rows.size
 
 
 @given(SEED)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from drivers.rplidar_capsules import Packets, decode_nodes
 from drivers.rplidar_encoding import encode_nodes, encode_ultra
-from drivers.rplidar_framing import LOCK_FRAMES, find_packets
+from drivers.rplidar_framing import PacketFinder
+from drivers.rplidar_node_tracking import LOCK_FRAMES
 from drivers.rplidar_protocol import Answer
 
 
@@ -30,7 +31,7 @@ def test_any_changed_byte_rejects_its_capsule(place: int, change: int, seed: int
     clean = ultra(3, seed).tobytes()
     data = bytearray(clean)
     data[132 + place] ^= change
-    framing = find_packets(bytes(data), Answer.ULTRA, locked=True)
+    framing = PacketFinder(Answer.ULTRA).find(bytes(data))
     sound = b"".join(run.packets.tobytes() for run in framing.runs)
     assert clean[132:264] not in sound
     assert bytes(data[132:264]) not in sound
@@ -39,15 +40,16 @@ def test_any_changed_byte_rejects_its_capsule(place: int, change: int, seed: int
 
 def test_capsules_are_found_again_after_loss() -> None:
     data = ultra(6).tobytes()
-    framing = find_packets(data[50:300] + data[301:], Answer.ULTRA, locked=True)
-    assert [(run.start, len(run.packets)) for run in framing.runs] == [(82, 1), (345, 3)]
+    framing = PacketFinder(Answer.ULTRA).find(data[50:300] + data[301:])
+    # The lone one at 82 is of no use: its samples need the next, and out of step that is its only witness too.
+    assert [(run.start, len(run.packets)) for run in framing.runs] == [(345, 3)]
     assert framing.used == len(data) - 51
 
 
 def test_nodes_lock_on_inside_noise() -> None:
     noise = np.random.default_rng(5).integers(0, 256, 3000, dtype=np.uint8).tobytes()
     nodes = turning_nodes(60)
-    framing = find_packets(noise + nodes.tobytes(), Answer.NODES, locked=False)
+    framing = PacketFinder(Answer.NODES).find(noise + nodes.tobytes())
     assert len(framing.runs) == 1
     assert framing.runs[0].start == 3005  # the first vouches for the second
     assert np.array_equal(framing.runs[0].packets, nodes[1:59])  # the last waits for its successor
@@ -57,7 +59,7 @@ def test_nodes_lock_on_inside_noise() -> None:
 def test_nodes_after_lost_bytes_are_not_misread(cut: int) -> None:
     nodes = turning_nodes(80, seed=cut)
     data = nodes.tobytes()
-    framing = find_packets(data[:100] + data[100 + cut :], Answer.NODES, locked=True)
+    framing = PacketFinder(Answer.NODES).find(data[:100] + data[100 + cut :])
     found = np.concatenate([run.packets for run in framing.runs])
     known = {row.tobytes() for row in nodes}
     assert all(row.tobytes() in known for row in found)
@@ -70,7 +72,7 @@ def test_a_constant_world_does_not_lock_one_byte_off() -> None:
         np.arange(count) * 115, np.full(count, 0x0DB5), np.full(count, 15), np.zeros(count, dtype=np.bool_)
     )
     for shift in range(1, 5):
-        framing = find_packets(nodes.tobytes()[shift:], Answer.NODES, locked=False)
+        framing = PacketFinder(Answer.NODES).find(nodes.tobytes()[shift:])
         assert framing.runs[0].start == 10 - shift
 
 
@@ -79,20 +81,20 @@ def test_a_turn_flag_far_from_zero_is_noise() -> None:
     flags = np.zeros(40, dtype=np.bool_)
     flags[20] = True
     nodes = encode_nodes(angle, np.full(40, 4000), np.full(40, 15), flags)
-    framing = find_packets(nodes.tobytes(), Answer.NODES, locked=True)
+    framing = PacketFinder(Answer.NODES).find(nodes.tobytes())
     assert not np.concatenate([decode_nodes(run.packets).new_turn for run in framing.runs]).any()
 
 
 def test_less_than_a_chain_stays_open() -> None:
     data = turning_nodes(LOCK_FRAMES).tobytes()[:-1]
-    framing = find_packets(data, Answer.NODES, locked=False)
-    assert (framing.runs, framing.used, framing.locked) == ([], 0, False)
+    framing = PacketFinder(Answer.NODES).find(data)
+    assert (framing.runs, framing.used) == ([], 0)
 
 
 @pytest.mark.real_data
 def test_one_real_turn_of_nodes(data_dir: Path) -> None:
     data = (data_dir / "rplidar_wire" / "goblimey_A2_legacy_scan_nodes.bin").read_bytes()
-    framing = find_packets(data, Answer.NODES, locked=True)
+    framing = PacketFinder(Answer.NODES).find(data)
     assert [(run.start, len(run.packets)) for run in framing.runs] == [(0, 299)]
     samples = decode_nodes(framing.runs[0].packets)
     assert np.flatnonzero(samples.new_turn).tolist() == [0]

@@ -13,7 +13,7 @@ STREAM = LidarStream(0, "A2M8", "1.28", 7, "", 115200, "Express", 0x82, 250.0, 1
 
 def assembler() -> TurnAssembler:
     clock = SampleClock(250e-6)
-    clock.observe(np.array([0]), np.array([0.0]))
+    clock.observe(0, 0.0)
     return TurnAssembler(STREAM, clock, 1000)
 
 
@@ -24,8 +24,8 @@ def samples(degrees: list[float]) -> Samples:
 
 def test_a_turn_ends_where_the_next_begins() -> None:
     turns = assembler()
-    assert turns.add(samples([90, 180, 270]), np.arange(3)) == []
-    first, second = turns.add(samples([0, 90, 180, 0]), np.arange(3, 7))
+    assert turns.add(samples([90, 180, 270]), 0) == []
+    first, second = turns.add(samples([0, 90, 180, 0]), 3)
     assert np.rad2deg(first.angles_rad).tolist() == pytest.approx([-90, 180, 90])
     assert (first.complete, second.complete) == (False, True)
     assert first.ranges_m.tolist() == [1.0] * 3
@@ -35,45 +35,45 @@ def test_a_turn_ends_where_the_next_begins() -> None:
 
 def test_a_gap_inside_a_turn_leaves_one_partial_scan() -> None:
     turns = assembler()
-    turns.add(samples([0, 30]), np.arange(2))
+    turns.add(samples([0, 30]), 0)
     turns.gap()
-    assert turns.add(samples([90]), np.array([50])) == []
-    (scan,) = turns.add(samples([0]), np.array([51]))
+    assert turns.add(samples([90]), 50) == []
+    (scan,) = turns.add(samples([0]), 51)
     assert not scan.complete
     assert len(scan.ranges_m) == 3
 
 
-def test_a_gap_over_the_turn_s_end_splits_it() -> None:
+def test_a_turn_s_end_that_is_a_guess_leaves_no_turn_whole() -> None:
     turns = assembler()
-    turns.add(samples([0, 300]), np.arange(2))
-    turns.gap()
-    (scan,) = turns.add(samples([40]), np.array([50]))
+    turns.add(samples([0, 300]), 0)
+    (scan,) = turns.end_turn(guessed=True)
     assert (scan.complete, len(scan.ranges_m)) == (False, 2)
-    (rest,) = turns.add(samples([0]), np.array([51]))
-    assert not rest.complete
+    (rest, whole) = turns.add(samples([40, 0, 180, 0]), 50)
+    assert (rest.complete, len(rest.ranges_m)) == (False, 1)
+    assert whole.complete
 
 
 def test_a_gap_longer_than_a_turn_splits_it() -> None:
     turns = assembler()
-    turns.add(samples([0, 30]), np.arange(2))
+    turns.add(samples([0, 30]), 0)
     turns.gap()
-    assert len(turns.add(samples([90]), np.array([2000]))) == 1
+    assert len(turns.add(samples([90]), 2000)) == 1
 
 
 def test_discarded_samples_are_not_emitted() -> None:
     turns = assembler()
-    turns.add(samples([0, 30]), np.arange(2))
+    turns.add(samples([0, 30]), 0)
     turns.discard()
-    (scan,) = turns.add(samples([40, 0]), np.arange(2, 4))
+    (scan,) = turns.add(samples([40, 0]), 2)
     assert (scan.complete, len(scan.ranges_m)) == (False, 1)
 
 
 def test_times_rise_although_the_clock_is_set_back() -> None:
     clock = SampleClock(250e-6)
-    clock.observe(np.array([0]), np.array([0.1]))
+    clock.observe(0, 0.1)
     turns = TurnAssembler(STREAM, clock, 0)
-    (first,) = turns.add(samples([10, 20, 0]), np.arange(3))
-    clock.observe(np.array([2]), np.array([0.05]))
-    (second,) = turns.add(samples([10, 20, 0]), np.arange(3, 6))
+    (first,) = turns.add(samples([10, 20, 0]), 0)
+    clock.observe(2, 0.05)
+    (second,) = turns.add(samples([10, 20, 0]), 3)
     assert second.stamp_ns > first.stamp_ns + first.offsets_s[-1] * 1e9
     assert (np.diff(second.offsets_s) > 0).all()
