@@ -120,6 +120,7 @@ def test_the_wrong_speed_while_scanning_is_noise_and_while_idle_is_silence() -> 
         os.write(descriptor, express_request(3))
         assert read_until(descriptor, 500)
         os.close(descriptor)
+        time.sleep(0.5)  # again, or it falls back after the next client has set its own
         with pytest.raises(WrongBaudError, match=port.name):
             open_rplidar(port.name, baud=115200)
 
