@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
 
-from drivers.rplidar_capsules import FULL_TURN_Q6, IntArray, Packets
+from drivers.rplidar_capsules import FULL_TURN_Q6, IntArray, Packets, is_restart, start_q6
 
 BROKEN, RESTARTED = 1, 2
 _SPEED_UP = 1.5  # between neighbouring capsules inertia forbids more: whole capsules were lost
@@ -27,7 +26,7 @@ def judge_steps(
         if step < 0:
             passes_zero = True
             step += FULL_TURN_Q6
-        if packets[place + 1, 3] & 0x80:
+        if is_restart(packets, place + 1):
             verdicts[place - known] = RESTARTED
             unsound += 1
             continue
@@ -40,10 +39,3 @@ def judge_steps(
         else:
             before_q6 = step
     return passes_zero, unsound, before_q6
-
-
-@njit(cache=True, nogil=True)
-def start_q6(packets: Packets, place: int) -> int:
-    """Start angle of one capsule of (P, size)."""
-    angle_q6: int = np.int64(packets[place, 2]) | (np.int64(packets[place, 3]) & 0x7F) << 8
-    return angle_q6

@@ -83,16 +83,6 @@ def head_angles_q16(start_q6: IntArray, samples: int, kind: int) -> IntArray:
     return (first << Q6_TO_Q16)[:, None] + np.arange(samples) * step[:, None]
 
 
-def start_angles_q6(packets: Packets) -> IntArray:
-    """(P,) start angles of capsules."""
-    return packets[:, 2].astype(np.int64) | (packets[:, 3].astype(np.int64) & 0x7F) << 8
-
-
-def restart_flags(packets: Packets) -> NDArray[np.bool_]:
-    """(P,) True where a capsule is the first after a start or after lost angle tracking; not a new turn."""
-    return (packets[:, 3] >> 7).astype(np.bool_)
-
-
 def decode_nodes(packets: Packets) -> Samples:
     """Standard nodes (P, 5) to P samples; they carry their own angle, turn flag and quality."""
     return Samples(*_nodes(packets))
@@ -119,6 +109,18 @@ DECODERS: dict[int, Callable[[Packets], Samples]] = {
     Answer.ULTRA: decode_ultra,
     Answer.DENSE: decode_dense,
 }
+
+
+@njit(cache=True, nogil=True)
+def start_q6(packets: Packets, place: int) -> int:
+    """Start angle of one of capsules (P, size)."""
+    return _word(packets[place, 2], packets[place, 3]) & 0x7FFF
+
+
+@njit(cache=True, nogil=True)
+def is_restart(packets: Packets, place: int) -> bool:
+    """Whether one of capsules (P, size) is the first after a start or after lost angle tracking; not a new turn."""
+    return bool(packets[place, 3] & 0x80)
 
 
 @njit(cache=True, nogil=True)
@@ -226,8 +228,8 @@ def _offset_q16(distance_q2: int) -> int:
 @njit(cache=True, nogil=True)
 def _start_and_turn(packets: Packets, place: int) -> tuple[int, int]:
     """Return a capsule's start angle in 1/65536 deg and the turn to the next one's in 1/64 deg."""
-    here = _word(packets[place, 2], packets[place, 3]) & 0x7FFF
-    turned = (_word(packets[place + 1, 2], packets[place + 1, 3]) & 0x7FFF) - here
+    here = start_q6(packets, place)
+    turned = start_q6(packets, place + 1) - here
     return here << Q6_TO_Q16, turned + FULL_TURN_Q6 if turned < 0 else turned
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from drivers.errors import DeviceFaultError
 from drivers.messages import LaserScan, LidarStream, RawChunk
-from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps, start_q6
-from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples, decode_nodes
+from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps
+from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples, decode_nodes, start_q6
 from drivers.rplidar_framing import PacketFinder, PacketRun
 from drivers.rplidar_node_turns import NodePiece, NodeTurns
 from drivers.rplidar_protocol import (

@@ -10,8 +10,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from kiss_icp.config.config import AdaptiveThresholdConfig, DataConfig, MappingConfig, RegistrationConfig
-from kiss_icp.config.parser import KISSConfig
 from kiss_icp.mapping import get_voxel_hash_map
 from kiss_icp.registration import get_registration
 from kiss_icp.threshold import get_threshold_estimator
@@ -21,6 +19,7 @@ from numpy.typing import NDArray
 from drivers.messages import DepthImage
 from mapping.depth_projection import CameraMount, project
 from mapping.depth_thinning import Thinning, thinned
+from mapping.odometry import LocalMapSettings, kiss_config
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +28,7 @@ _LONGEST_GUESS = 3.0  # intervals: what the camera did then is no guess for a lo
 
 
 @dataclass(frozen=True, slots=True)
-class CloudSettings:
+class CloudSettings(LocalMapSettings):
     """How clouds are matched; lengths in metres.
 
     thinning: what is kept of an image. voxel_m: of the local map, which reaches map_radius_m and keeps one point each
@@ -43,7 +42,6 @@ class CloudSettings:
     points_per_voxel: int = 20
     first_threshold_m: float = 0.3
     least_motion_m: float = 0.02
-    max_iterations: int = 100
     convergence: float = 1e-4
     min_points: int = 60
 
@@ -52,18 +50,9 @@ class CloudOdometry:
     """Holds the local map from image to image."""
 
     def __init__(self, settings: CloudSettings) -> None:
-        config = KISSConfig(
-            data=DataConfig(max_range=settings.map_radius_m, min_range=0.0, deskew=False),
-            mapping=MappingConfig(voxel_size=settings.voxel_m, max_points_per_voxel=settings.points_per_voxel),
-            registration=RegistrationConfig(
-                max_num_iterations=settings.max_iterations,
-                convergence_criterion=settings.convergence,
-                max_num_threads=1,  # to repeat bit for bit
-            ),
-            adaptive_threshold=AdaptiveThresholdConfig(
-                initial_threshold=settings.first_threshold_m, min_motion_th=settings.least_motion_m
-            ),
-        )
+        config = kiss_config(settings)
+        config.adaptive_threshold.initial_threshold = settings.first_threshold_m
+        config.adaptive_threshold.min_motion_th = settings.least_motion_m
         self._settings = settings
         self._local_map = get_voxel_hash_map(config)
         self._registration = get_registration(config)

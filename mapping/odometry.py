@@ -2,7 +2,7 @@
 
 Source: Vizzo et al., "KISS-ICP: In Defense of Point-to-Point ICP" (RA-L 2023). A single-layer scan has few points, so
 none is thrown away (kiss-icp's stock pipeline keeps one a voxel, made for 3-D clouds), and the correspondence threshold
-is fixed instead of adaptive. This is the only file that imports kiss_icp.
+is fixed instead of adaptive.
 """
 
 from __future__ import annotations
@@ -22,21 +22,29 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class OdometrySettings:
-    """How scans are matched; lengths in metres.
+class LocalMapSettings:
+    """kiss-icp's local map and when its registration ends; lengths in metres.
 
     map_radius_m: how far from the robot the local map reaches. voxel_m and points_per_voxel set the map's density.
-    threshold_m: scale of the robust kernel; pairs farther apart than three times that are ignored. rough_convergence,
-    rough_iterations: for a match after which de-skewing is repeated. min_points: a scan with fewer measurements is not
-    matched. max_correction_m and max_correction_rad: a match farther than that from the guess is not believed.
     """
 
     map_radius_m: float = 15.0
     voxel_m: float = 0.25
     points_per_voxel: int = 10
-    threshold_m: float = 0.25
     convergence: float = 1e-3
     max_iterations: int = 100
+
+
+@dataclass(frozen=True, slots=True)
+class OdometrySettings(LocalMapSettings):
+    """How scans are matched; lengths in metres.
+
+    threshold_m: scale of the robust kernel; pairs farther apart than three times that are ignored. rough_convergence,
+    rough_iterations: for a match after which de-skewing is repeated. min_points: a scan with fewer measurements is not
+    matched. max_correction_m and max_correction_rad: a match farther than that from the guess is not believed.
+    """
+
+    threshold_m: float = 0.25
     rough_convergence: float = 1e-2
     rough_iterations: int = 6
     min_points: int = 30
@@ -59,19 +67,24 @@ class ScanMatch:
     doubtful: bool = False
 
 
+def kiss_config(settings: LocalMapSettings) -> KISSConfig:
+    """Return kiss-icp's configuration of a local map and of a registration that repeats bit for bit."""
+    return KISSConfig(
+        data=DataConfig(max_range=settings.map_radius_m, min_range=0.0, deskew=False),
+        mapping=MappingConfig(voxel_size=settings.voxel_m, max_points_per_voxel=settings.points_per_voxel),
+        registration=RegistrationConfig(
+            max_num_iterations=settings.max_iterations,
+            convergence_criterion=settings.convergence,
+            max_num_threads=1,  # more gain nothing on a thousand points, and one is certain to repeat bit for bit
+        ),
+    )
+
+
 class LidarOdometry:
     """Holds the local map from scan to scan."""
 
     def __init__(self, settings: OdometrySettings) -> None:
-        config = KISSConfig(
-            data=DataConfig(max_range=settings.map_radius_m, min_range=0.0, deskew=False),
-            mapping=MappingConfig(voxel_size=settings.voxel_m, max_points_per_voxel=settings.points_per_voxel),
-            registration=RegistrationConfig(
-                max_num_iterations=settings.max_iterations,
-                convergence_criterion=settings.convergence,
-                max_num_threads=1,  # more gain nothing on a thousand points, and one is certain to repeat bit for bit
-            ),
-        )
+        config = kiss_config(settings)
         self._settings = settings
         self._local_map = get_voxel_hash_map(config)
         self._registration = get_registration(config)

@@ -18,7 +18,6 @@ Float32Array = NDArray[np.float32]
 IndexArray = NDArray[np.int64]
 
 _SAME_SIDE = 0.5  # cosine between two normals of one wall: its two sides are different walls
-_NO_DIRECTION = 1e-6
 
 
 @njit(cache=True, nogil=True)

@@ -7,13 +7,10 @@ lidar map of the next seed's building, which must be refused.
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -33,11 +30,10 @@ from tools.map_panels import overlay_panel
 from tools.mapped_drives import CameraSetup, MappedDrive, map_by_camera, map_by_lidar
 from tools.pair_overlap import common_free, common_wall_m, wall_line
 from tools.pictures import Image, write_picture
+from tools.processes import in_processes
 from tools.results import Report, save_results, writing_to
 
 FloatArray = NDArray[np.float64]
-Task = TypeVar("Task")
-Result = TypeVar("Result")
 
 RIGHT_M, RIGHT_DEG = 0.15, 2.0
 _TILE = (300, 420)  # rows and columns of a pair in the picture
@@ -71,14 +67,14 @@ def evaluate_camera(
 ) -> Report:
     """Map all buildings, register true and wrong pairs, write maps and pairs.png to a folder; return the report."""
     made = []
-    for maps in _in_processes(partial(map_building, folder, config, setup), seeds, jobs):
+    for maps in in_processes(partial(map_building, folder, config, setup), seeds, jobs=jobs):
         made.append(maps)
         on_progress(f"seed {maps.seed}: mapped, camera's drive {maps.row['camera_rms_m']:.3f} m rms off")
     rows = []
     tasks = [(maps, maps) for maps in made] + [(maps, made[(n + 1) % len(made)]) for n, maps in enumerate(made)]
     if len(made) == 1:
         tasks = tasks[:1]  # with itself a building makes no wrong pair
-    for row in _in_processes(registered_pair, tasks, jobs):
+    for row in in_processes(registered_pair, tasks, jobs=jobs):
         rows.append(row)
         on_progress(line_of(row))
     with writing_to(folder):
@@ -260,12 +256,3 @@ def _contact_sheet(rows: Sequence[Report]) -> Image:
 
 def _median(values: Sequence[float]) -> float | None:
     return round(float(np.median(values)), 4) if values else None
-
-
-def _in_processes(work: Callable[[Task], Result], tasks: Sequence[Task], jobs: int) -> Iterator[Result]:
-    """Yield what `work` makes of each task, in their order; work: a function of a module, or a partial of one."""
-    if jobs <= 1:
-        yield from map(work, tasks)
-        return
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(work, tasks)

@@ -32,7 +32,7 @@ from tools.depth_simulator import SimulatedDepthCamera
 from tools.emulated_camera import EmulatedCar
 from tools.errors import ToolError
 from tools.live_run import QUEUE_IMAGES, SensorThread
-from tools.own_process import memory, reset_peak, thread_times
+from tools.processes import memory, reset_peak, thread_times
 from tools.slam_bench import Spread
 from tools.solid_world import solid
 from tools.stopwatch import Stopwatch

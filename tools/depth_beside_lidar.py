@@ -25,8 +25,8 @@ from tools.emulation import Drive, simulated_lidar
 from tools.errors import ToolError
 from tools.live_bench import ScanLatency
 from tools.live_run import LiveOutcome, run_live
-from tools.own_process import limit_to, thread_times
 from tools.pipeline import MappingFlow, search_thread, warm_up
+from tools.processes import limit_to, thread_times
 from tools.slam_bench import Spread
 
 CORES = 2

@@ -18,8 +18,8 @@ from fusion.registration import register
 from fusion.verification import AcceptanceRule
 from mapping.grid import OccupancyGrid
 from tools.errors import UsageError
-from tools.own_process import in_own_process, memory, reset_peak
 from tools.pair_files import MapPair, load_grids, read_pairs
+from tools.processes import in_own_process, memory, reset_peak
 from tools.registration_peers import PeerPose, register_as_m_explore, register_by_spectra
 from tools.results import FloatArray, Report
 

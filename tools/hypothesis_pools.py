@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,6 +20,7 @@ from fusion.survey import survey
 from mapping import se2
 from tools.errors import ToolError
 from tools.pair_files import LIST_NAME, MapPair, PairTruth, load_grids, read_pairs
+from tools.processes import in_processes
 from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
@@ -65,7 +64,10 @@ def pools_of(
     found = {} if cache is None or not cache.exists() else read_pools(cache, seed)
     missing = {key: pair for key, pair in pairs.items() if key not in found}
     on_progress(f"{len(pairs)} pairs, {len(pairs) - len(missing)} of them in the cache")
-    for new, pool in enumerate(_computed(missing, seed, jobs), start=1):
+    computed = in_processes(
+        partial(pool_of, seed=seed), list(missing), list(missing.values()), jobs=jobs, first=(cv2.setNumThreads, (1,))
+    )
+    for new, pool in enumerate(computed, start=1):
         found[pool.key] = pool
         if new % _SAVED_EACH == 0 or new == len(missing):
             on_progress(f"hypotheses of {new} of {len(missing)} pairs")
@@ -138,16 +140,6 @@ def write_pools(path: Path, pools: Sequence[HypothesisPool], seed: int) -> None:
         )
     with writing_to(path):
         partial_path.replace(path)
-
-
-def _computed(pairs: dict[str, MapPair], seed: int, jobs: int) -> Iterator[HypothesisPool]:
-    work = partial(pool_of, seed=seed)
-    if jobs <= 1 or len(pairs) < 2:
-        yield from map(work, pairs.keys(), pairs.values())
-        return
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=cv2.setNumThreads, initargs=(1,)) as processes:
-        yield from processes.map(work, pairs.keys(), pairs.values())
 
 
 def _right(truth: PairTruth | None, poses: FloatArray) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ from drivers.rplidar_models import MODELS
 from tools.errors import ToolError
 from tools.lidar_peers import can_decode, installed_peers, peer_live, peer_rate
 from tools.lidar_streams import STREAM_KINDS, StreamKind, encoded_stream, live_chunks
-from tools.own_process import in_own_process
+from tools.processes import in_own_process
 
 READS_S = (0.1, 0.01)
 _REPEATS = 15  # the best counts: other programs only make it slower

@@ -18,8 +18,8 @@ from mapping.slam import MappedScan
 from mapping.sweep import reverse_sweep
 from tools.config import Config
 from tools.live_run import run_live
-from tools.own_process import memory, reset_peak
 from tools.pipeline import MappingFlow, look_ahead, search_thread, warm_up
+from tools.processes import memory, reset_peak
 from tools.replay_run import recorded_config
 from tools.slam_bench import Spread, is_simulated
 

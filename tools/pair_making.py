@@ -21,7 +21,6 @@ from tools.pair_overlap import common_free, common_wall_m, wall_line
 from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
-MAP_FOLDER = "maps"
 RESOLUTIONS_M = {"lidar": (0.05, 0.05), "resolution": (0.04, 0.10), "camera": (0.05, 0.05)}
 _DEFORMED = ("bent", "changed")
 WINDOW_KINDS = (*RESOLUTIONS_M, *_DEFORMED)

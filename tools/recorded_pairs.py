@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,6 +22,7 @@ from tools.log_windows import PosedScans, thinned
 from tools.other_buildings import FINISHED, FIRST, BuildingMap, maps_of_pairs, varied_pairs
 from tools.pair_files import MapPair
 from tools.pair_making import WindowPlan, copy_map, window_pairs, write_scale_map
+from tools.processes import in_processes
 from tools.real_maps import LOG_REACH_M, read_corrected_log
 from tools.replay_run import recorded_config
 from tools.results import writing_to
@@ -70,12 +69,7 @@ def drive_pairs(
 
     jobs: processes. Raises ToolError where a drive is too short for windows, or none of them fit.
     """
-    work = partial(_pairs_of_drive, folder, plan, seed)
-    if jobs <= 1 or len(drives) < 2:
-        yield from map(work, drives)
-        return
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        yield from pool.map(work, drives)
+    return in_processes(partial(_pairs_of_drive, folder, plan, seed), drives, jobs=jobs)
 
 
 def recorded_pairs(

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 
@@ -24,6 +22,7 @@ from mapping.grid import OccupancyGrid
 from tools.errors import UsageError
 from tools.hypothesis_pools import HypothesisPool
 from tools.pair_files import BANDS, KINDS, MapPair, load_grids, read_pairs
+from tools.processes import in_processes
 from tools.ranking_learning import Growth, held_out_scores, ranking_without
 from tools.registration_scores import summary_of
 from tools.results import Report
@@ -108,18 +107,10 @@ def registered_rows(
     if not pairs:
         return
     each = [registered] * len(pairs) if callable(registered) else registered
-    work = partial(registered_row, seed)
-    if jobs <= 1:
-        _warm_up(each[0], pairs[0], seed)
-        yield from map(work, each, pairs)
-        return
-    with ProcessPoolExecutor(
-        jobs,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_warm_up,
-        initargs=(each[0], pairs[0], seed),
-    ) as pool:
-        yield from pool.map(work, each, pairs)
+    warm_up = (each[0], pairs[0], seed)
+    if jobs <= 1 or len(pairs) < 2:
+        _warm_up(*warm_up)
+    yield from in_processes(partial(registered_row, seed), each, pairs, jobs=jobs, first=(_warm_up, warm_up))
 
 
 def _warm_up(registered: Register, pair: MapPair, seed: int) -> None:

@@ -21,8 +21,8 @@ from mapping.odometry import LidarOdometry
 from mapping.relations import read_relations, relation_errors
 from mapping.trajectory import Trajectory
 from tools.config import Config
-from tools.own_process import Memory, memory, reset_peak
 from tools.pipeline import LidarDecoding, MappingFlow, look_ahead, warm_up
+from tools.processes import Memory, memory, reset_peak
 from tools.replay_run import recorded_config
 from tools.stopwatch import StageTime, Stopwatch
 

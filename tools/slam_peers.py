@@ -24,8 +24,8 @@ from mapping.odometry import LidarOdometry
 from mapping.sweep import reverse_sweep
 from mapping.trajectory import Trajectory
 from tools.config import Config
-from tools.own_process import memory, reset_peak
 from tools.pipeline import LidarDecoding, look_ahead
+from tools.processes import memory, reset_peak
 from tools.replay_run import recorded_config
 from tools.slam_bench import RelationScore, score_by_relations
 

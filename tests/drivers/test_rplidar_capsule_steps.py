@@ -2,7 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps, start_q6
+from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps
+from drivers.rplidar_capsules import start_q6
 from drivers.rplidar_encoding import encode_dense
 
 

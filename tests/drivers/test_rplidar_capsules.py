@@ -16,8 +16,8 @@ from drivers.rplidar_capsules import (
     decode_express,
     decode_nodes,
     decode_ultra,
-    restart_flags,
-    start_angles_q6,
+    is_restart,
+    start_q6,
     ultra_offset_q16,
 )
 from drivers.rplidar_encoding import encode_dense, encode_express, encode_ultra
@@ -52,8 +52,8 @@ def test_express_capsule() -> None:
     assert samples.angle_q6[:4].tolist() == [0, 57, 22675, 132]
     assert (samples.distance_q2[:4] / 4).tolist() == [1000, 2000, 500, 0]
     assert sdk_angles_q14(samples)[:4] == [0, 162, 64497, 375]
-    assert restart_flags(pair).tolist() == [True, False]
-    assert (start_angles_q6(pair) / 64).tolist() == [0, 28.75]
+    assert [is_restart(pair, place) for place in range(2)] == [True, False]
+    assert [start_q6(pair, place) / 64 for place in range(2)] == [0, 28.75]
     assert samples.quality is None
 
 

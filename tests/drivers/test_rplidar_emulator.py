@@ -172,8 +172,7 @@ def test_old_firmware_ignores_what_it_does_not_know() -> None:
 def test_each_personality_lists_to_the_driver_what_it_offers(model) -> None:
     clock = SimulatedClock()
     device = emulator(model)
-    link = lambda baud: EmulatedLink(device, clock, model.baud, baud)  # noqa: E731
-    with connect(link, clock=clock, sleep=clock.sleep) as lidar:
+    with connect(lambda baud: EmulatedLink(device, clock, model.baud, baud), clock=clock, sleep=clock.sleep) as lidar:
         assert (lidar.info().model, lidar.baud) == (model.name, model.baud)
         names = [(mode.name, mode.sample_us, mode.answer_type) for mode in lidar.scan_modes()]
         assert names == [(mode.name, mode.sample_us, mode.answer_type) for mode in model.modes]

@@ -11,7 +11,7 @@ from drivers.rplidar_capsules import (
     decode_express,
     decode_nodes,
     decode_ultra,
-    start_angles_q6,
+    start_q6,
     ultra_offset_q16,
 )
 from drivers.rplidar_encoding import (
@@ -60,7 +60,7 @@ def test_dense_round_trip(seed: int) -> None:
     distance = np.random.default_rng(seed).integers(0, 65536, (3, 40))
     rows = encode_dense(np.array([100, 500, 900]), distance, NO_RESTART)
     assert np.array_equal(decode_dense(rows).distance_q2, distance[:2].reshape(-1) * 4)
-    assert start_angles_q6(rows).tolist() == [100, 500, 900]
+    assert [start_q6(rows, place) for place in range(3)] == [100, 500, 900]
 
 
 @given(arrays(np.int64, 3 * 96 + 1, elements=st.one_of(st.just(0), st.integers(1, 28656))))

@@ -160,7 +160,7 @@ class NetworkPort:
     def serve(self) -> None:
         self.client, _ = self.server.accept()
         self.client.settimeout(0.01)
-        manager = rfc2217.PortManager(self.port, self)  # type: ignore[arg-type]
+        manager = rfc2217.PortManager(self.port, self)  # type: ignore[arg-type]  # anything with write(data) will do
         while self.thread.is_alive():
             try:
                 data = self.client.recv(1024)

@@ -10,7 +10,7 @@ from drivers.rplidar import open_rplidar
 from tools.config import parse
 from tools.depth_bench import STAGES
 from tools.depth_beside_lidar import bench_depth_beside_lidar, emulated_lidar
-from tools.own_process import in_own_process
+from tools.processes import in_own_process
 
 CONFIG = parse({"depth": {"width": 424, "height": 240, "fps": 15}}, "test")
 

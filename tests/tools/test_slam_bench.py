@@ -11,8 +11,8 @@ from drivers.errors import RecordingError
 from drivers.messages import LaserScan
 from drivers.recording_reader import open_recording
 from mapping.trajectory import Trajectory
-from tools.own_process import in_own_process
 from tools.pipeline import LidarDecoding
+from tools.processes import in_own_process
 from tools.replay_run import recorded_config, replay_recording
 from tools.simulated_drive import record_round_trip
 from tools.slam_bench import (

@@ -32,7 +32,7 @@ def depth(
 
     from tools.depth_bench import bench_depth, projections
     from tools.depth_beside_lidar import bench_depth_beside_lidar
-    from tools.own_process import in_own_process
+    from tools.processes import in_own_process
 
     config = load_config(config_file)
     section = config.depth

@@ -58,7 +58,7 @@ def slam(
     config = load_config(config_file) if config_file else None
     with TemporaryDirectory() as folder:
         if simulate:
-            from tools.own_process import in_own_process
+            from tools.processes import in_own_process
             from tools.simulated_drive import record_round_trip
 
             drive = Path(folder) / f"simulated_a2m8_{simulate}_turns.mcap"
@@ -96,7 +96,7 @@ def _measure(
     """Measure one recording, one thing after the other, each in a fresh process."""
     from tools.live_bench import bench_live
     from tools.mrpt_peer import bench_icp_slam
-    from tools.own_process import in_own_process
+    from tools.processes import in_own_process
     from tools.slam_bench import bench_slam
     from tools.slam_peers import bench_own_kiss_icp, bench_stock_kiss_icp
 

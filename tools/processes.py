@@ -1,4 +1,4 @@
-"""Work in a process of its own, so that what it measures of itself holds nothing of what ran before; what it takes."""
+"""Work in processes of its own, one after the other or several at once; what a process takes."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from tools.errors import ToolError
 
@@ -33,6 +33,25 @@ def in_own_process(work: Callable[..., Result], *arguments: object) -> Result:
             raise ToolError(
                 "a measuring process died: out of memory? Free some, or measure a shorter recording"
             ) from error
+
+
+def in_processes(
+    work: Callable[..., Result],
+    *tasks: Sequence[Any],
+    jobs: int,
+    first: tuple[Callable[..., object], tuple[Any, ...]] | None = None,
+) -> Iterator[Result]:
+    """Yield work of each task in their order, as map does, in so many fresh processes; one task or job is done here.
+
+    work: a function of a module, or a partial of one. first: what each new process does before, and its arguments.
+    """
+    if jobs <= 1 or len(tasks[0]) < 2:
+        yield from map(work, *tasks)
+        return
+    prepare, arguments = first or (None, ())
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=prepare, initargs=arguments) as processes:
+        yield from processes.map(work, *tasks)
 
 
 @dataclass(frozen=True, slots=True)

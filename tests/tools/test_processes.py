@@ -11,12 +11,19 @@ import pytest
 
 from drivers.recording_reader import open_recording
 from tools.errors import ToolError
-from tools.own_process import in_own_process, limit_to, memory, reset_peak, thread_times
+from tools.processes import in_own_process, in_processes, limit_to, memory, reset_peak, thread_times
 
 
 def test_work_is_done_in_another_process_each_time():
     first, second = in_own_process(os.getpid), in_own_process(os.getpid)
     assert len({first, second, os.getpid()}) == 3
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_tasks_shared_by_processes_come_back_in_their_order(jobs):
+    assert list(in_processes(pow, [2, 3, 4], [5, 4, 3], jobs=jobs)) == [32, 81, 64]
+    done_by = set(in_processes(os.path.realpath, ["/proc/self"] * 3, jobs=jobs, first=(time.sleep, (0.0,))))
+    assert (os.path.realpath("/proc/self") in done_by) == (jobs == 1)
 
 
 def test_an_error_comes_back_as_it_was(tmp_path):
