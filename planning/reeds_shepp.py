@@ -366,7 +366,7 @@ def sample(
         steps = math.ceil(abs(lengths[piece]) / step_m)
         gear = 1 if lengths[piece] > 0.0 else -1
         for step in range(1, steps + 1):
-            part = lengths[piece] * step / steps
+            part = lengths[piece] * (step / steps)
             out[count, 0], out[count, 1], out[count, 2] = drive(x, y, yaw, part, turns[piece], radius)
             gears[count - 1] = gears[count] = gear
             count += 1
