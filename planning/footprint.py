@@ -76,7 +76,7 @@ def free_length_m(
     """
     rows, cols = blocked.shape
     width_m, height_m = cols * cell_m, rows * cell_m
-    if not (x >= 0.0 and y >= 0.0 and x < width_m and y < height_m):
+    if not (x >= 0.0 and y >= 0.0 and x < width_m and y < height_m and math.isfinite(yaw)):
         return -1.0
     reach_m = outer_radius_m / 2.0
     row, col = min(int(y / cell_m), rows - 1), min(int(x / cell_m), cols - 1)
