@@ -50,10 +50,20 @@ def distances_m(mask: Mask, cell_m: float, most_m: float) -> Distances:
     """Return the distance in m between the centres of a cell and of the nearest in the mask, at most most_m."""
     if not mask.any():
         return np.full(mask.shape, most_m, np.float32)
-    distances = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    distances *= np.float32(cell_m)
-    np.minimum(distances, np.float32(most_m), out=distances)
-    return np.asarray(distances, dtype=np.float32)
+    found = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    distances = np.asarray(found, dtype=np.float32)
+    _to_metres(distances, cell_m, most_m)
+    return distances
+
+
+@numba.njit(cache=True)
+def _to_metres(cells: Distances, cell_m: float, most_m: float) -> None:
+    """Scale distances in place; OpenCV's roots may differ in their last bit from one size of map to another."""
+    rows, cols = cells.shape
+    for i in range(rows):
+        for j in range(cols):
+            squared = np.rint(cells[i, j] * cells[i, j])
+            cells[i, j] = min(np.sqrt(squared) * np.float32(cell_m), np.float32(most_m))
 
 
 def passable_from_m(vehicle: Vehicle, cell_m: float) -> float:
