@@ -89,18 +89,21 @@ def _changed(window: Window, differs: Mask) -> Window | None:
 def _update_blocked(costmap: Costmap, grid: OccupancyGrid, changed: Window) -> Window | None:
     """Rewrite blocked cells around a change; return the window of those that differ.
 
-    A patch of unseen cells that became, or ceased to be, a speck has a changed cell and fewer cells than a speck, but
-    for those: it ends within that many cells. As far again around, a patch cut off by the edge is no speck.
+    A patch of unseen cells that became, or ceased to be, a speck has a changed cell, or one beside it, and else fewer
+    cells than the car is large: it ends within that many cells.
     """
-    cell_m, shape = grid.resolution_m, costmap.blocked.shape
-    least = layers.least_cells(costmap.vehicle, cell_m)
-    inner = changed.grown(math.ceil(least), shape)
-    outer = inner.grown(math.ceil(least), shape)
-    occupied, unseen = layers.occupied_and_unseen(grid.log_odds[outer.cells])
-    blocked = (occupied | layers.without_specks(unseen, least))[inner.within(outer)]
-    differs = costmap.blocked[inner.cells] != blocked
-    costmap.blocked[inner.cells] = blocked
-    return _changed(inner, differs)
+    least = layers.least_cells(costmap.vehicle, grid.resolution_m)
+    shape = costmap.blocked.shape
+    part = changed.grown(math.ceil(least) + 1, shape)
+    goes_on = (part.left > 0, part.top > 0, part.right < shape[1], part.bottom < shape[0])
+    occupied, unseen = layers.occupied_and_unseen(grid.log_odds[part.cells])
+    near = np.zeros(unseen.shape, bool)
+    near[changed.grown(1, shape).within(part)] = True
+    before = costmap.blocked[part.cells]
+    blocked = occupied | layers.without_specks_again(unseen, least, near, before, goes_on)
+    differs = before != blocked
+    costmap.blocked[part.cells] = blocked
+    return _changed(part, differs)
 
 
 def _measure(costmap: Costmap, mask: Mask, distances: Distances, changed: Window | None) -> Window | None:

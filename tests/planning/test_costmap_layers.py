@@ -40,6 +40,24 @@ def test_patches_are_specks_by_their_number_of_cells():
     assert not layers.without_specks(mask, 6.5).any()
 
 
+@pytest.mark.parametrize("seed", range(30))
+def test_specks_around_a_change_are_those_of_the_whole_map(seed):
+    random = np.random.default_rng(seed)
+    old = random.random((60, 60)) < 0.55
+    new = old.copy()
+    new[25:35, 25:35] = random.random((10, 10)) < 0.6
+    before, expected = layers.without_specks(old, 9.5), layers.without_specks(new, 9.5)
+    part, changed = (slice(14, 46), slice(14, 46)), np.zeros((32, 32), bool)
+    changed[10:22, 10:22] = True
+    result = layers.without_specks_again(
+        np.ascontiguousarray(new[part]), 9.5, changed, before[part], (True, True, True, True)
+    )
+    np.testing.assert_array_equal(result, expected[part])
+    outside = np.ones((60, 60), bool)
+    outside[part] = False
+    np.testing.assert_array_equal(before[outside], expected[outside])
+
+
 @pytest.mark.parametrize("cell_m", [0.02, 0.05, 0.1, 0.3, 1.0])
 def test_the_bound_is_necessary_wherever_in_its_cell_the_axle_is(cell_m):
     """No free disc about a point of a cell is ever in a cell that is called impassable, and some are close to it."""

@@ -91,7 +91,8 @@ def test_a_room_without_a_door_has_no_way_in_and_the_advice_stays_outside(shut, 
     region = int(shut.region[20, 20])
     assert shut.region[shut.cell(ends.advice)] == region
     away_m = float(np.hypot(*(shut.local(ends.advice) - np.array(goal))[:2]))
-    assert away_m == pytest.approx(nearest_by_brute_force_m(shut, np.array(goal), region), abs=1e-6)
+    # Far away the middles of cells are tried, where the other search steps by cells from the wanted place.
+    assert away_m == pytest.approx(nearest_by_brute_force_m(shut, np.array(goal), region), abs=0.036)
 
 
 @given(st.floats(0.05, 7.95), st.floats(0.05, 5.95), st.floats(-3.0, 3.0), st.floats(0.0, 0.4), st.floats(0.0, 0.6))
