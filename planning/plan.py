@@ -24,7 +24,7 @@ _ADVICE_TURNS = 16
 
 
 class PlanError(str, Enum):
-    """Why there is no path: the names of nav2's ComputePathToPose."""
+    """Why there is no path: the names of nav2's ComputePathToPose, and CANCELLED."""
 
     start_outside_map = "START_OUTSIDE_MAP"
     goal_outside_map = "GOAL_OUTSIDE_MAP"
@@ -32,6 +32,7 @@ class PlanError(str, Enum):
     goal_occupied = "GOAL_OCCUPIED"
     no_valid_path = "NO_VALID_PATH"
     timeout = "TIMEOUT"
+    cancelled = "CANCELLED"
 
 
 @dataclass(frozen=True, slots=True)
