@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from planning.drivable import DrivableMap, UnknownSpace, drivable_map
+from planning.costmap import Costmap, UnknownSpace, costmap
 from planning.errors import PlanningError
 from planning.footprint import is_free
 from planning.path import Path, path_along
@@ -76,15 +76,15 @@ def plan(
     for name, pose in (("start", start), ("goal", goal)):
         if not np.isfinite(pose).all():
             raise PlanningError(f"{name}: {pose.tolist()} is not a finite pose: give x and y in m and yaw in rad")
-    drivable = drivable_map(grid, vehicle, settings.unknown)
+    drivable = costmap(grid, vehicle, settings.unknown)
     refused = _objection(drivable, start, goal)
     if refused is not None:
         return refused
-    cell_m, grown = grid.resolution_m, vehicle.grown
+    cell_m, corners = grid.resolution_m, vehicle.corners
     blocked, distance_m = drivable.blocked, drivable.to_blocked_m
     rows, cols = blocked.shape
     found = find_path(
-        lambda x, y, yaw: bool(is_free(blocked, distance_m, cell_m, x, y, yaw, grown)),
+        lambda x, y, yaw: bool(is_free(blocked, distance_m, cell_m, x, y, yaw, corners)),
         (cols * cell_m, rows * cell_m),
         drivable.local(np.array([start, goal])),
         radius_m=vehicle.turning_radius_m,
@@ -100,7 +100,7 @@ def plan(
     return PlanResult(path, None, f"{path.length_m:.2f} m", drivable.clearance_m(path.poses))
 
 
-def _objection(drivable: DrivableMap, start: FloatArray, goal: FloatArray) -> PlanResult | None:
+def _objection(drivable: Costmap, start: FloatArray, goal: FloatArray) -> PlanResult | None:
     """Return what makes planning pointless, if anything does."""
     ends = (
         ("start", start, PlanError.start_outside_map, PlanError.start_occupied),
@@ -120,25 +120,25 @@ def _objection(drivable: DrivableMap, start: FloatArray, goal: FloatArray) -> Pl
     return None
 
 
-def _why_not(drivable: DrivableMap, pose: FloatArray) -> str:
+def _why_not(drivable: Costmap, pose: FloatArray) -> str:
     """Say whether walls, unknown space or the map's edge keep the car from a pose."""
     x, y, yaw = drivable.local(pose).tolist()
-    cell_m, grown = drivable.grid.resolution_m, drivable.vehicle.grown
-    if is_free(drivable.occupied, drivable.to_occupied_m, cell_m, x, y, yaw, grown):
+    cell_m, corners = drivable.grid.resolution_m, drivable.vehicle.corners
+    if is_free(drivable.occupied, drivable.to_occupied_m, cell_m, x, y, yaw, corners):
         return "the car would stand on unknown space, which is forbidden"
     nothing = np.zeros_like(drivable.occupied)
-    if not is_free(nothing, drivable.to_occupied_m, cell_m, x, y, yaw, grown):
+    if not is_free(nothing, drivable.to_occupied_m, cell_m, x, y, yaw, corners):
         return "the car would reach over the map's edge"
     return "the car would stand on an occupied cell"
 
 
-def _region(drivable: DrivableMap, pose: FloatArray) -> int:
+def _region(drivable: Costmap, pose: FloatArray) -> int:
     """Return the region of a pose on the map; 0 where the rear axle cannot be."""
     cell = drivable.cell(pose)
     return int(drivable.region[cell]) if cell else 0
 
 
-def _advice(drivable: DrivableMap, wanted: FloatArray, other: FloatArray) -> FloatArray | None:
+def _advice(drivable: Costmap, wanted: FloatArray, other: FloatArray) -> FloatArray | None:
     """Return the fitting pose nearest to the wanted one, in the region of the other end if that has one."""
     region = _region(drivable, other)
     rows, cols = np.nonzero(drivable.region == region if region else drivable.region > 0)

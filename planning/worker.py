@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from drivers.sources import Closing
 from mapping.grid import OccupancyGrid
 from planning.cancel_flag import CancelFlag
-from planning.drivable import UnknownSpace
+from planning.costmap import UnknownSpace
 from planning.errors import PlanningError, WorkerError
 from planning.plan import PlanError, PlanResult, PlanSettings
 from planning.vehicle import Vehicle

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mapping.grid import LogOdds, OccupancyGrid
 from planning.cancel_flag import CancelFlag
-from planning.drivable import UnknownSpace
+from planning.costmap import UnknownSpace
 from planning.errors import PlanningError
 from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle

@@ -76,9 +76,7 @@ def colliding_poses(grid: OccupancyGrid, poses: FloatArray, vehicle: Vehicle) ->
 
     Written apart from the planner's own test on purpose: it looks up points of the body every centimetre, edges too.
     """
-    along = np.linspace(-vehicle.rear_m, vehicle.front_m, 1 + round((vehicle.front_m + vehicle.rear_m) / _BODY_M))
-    across = np.linspace(-vehicle.half_width_m, vehicle.half_width_m, 1 + round(2.0 * vehicle.half_width_m / _BODY_M))
-    body = np.stack(np.meshgrid(along, across), axis=-1).reshape(-1, 2)
+    body = _points_inside(vehicle.body)
     rows, cols = grid.log_odds.shape
     occupied, count = grid.occupied, 0
     fine = _refined(poses)
@@ -91,6 +89,21 @@ def colliding_poses(grid: OccupancyGrid, poses: FloatArray, vehicle: Vehicle) ->
         hit[inside] = occupied[cells[inside, 1], cells[inside, 0]]
         count += int(np.count_nonzero(hit.reshape(len(part), -1).any(axis=1)))
     return count
+
+
+def _points_inside(outline: FloatArray) -> FloatArray:
+    """Return points (M, 2) a centimetre apart inside a convex outline (K, 2), and along its sides."""
+    low, high = outline.min(axis=0), outline.max(axis=0)
+    axes = [np.linspace(low[i], high[i], 1 + int(np.ceil((high[i] - low[i]) / _BODY_M))) for i in (0, 1)]
+    lattice = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    sides = np.roll(outline, -1, axis=0) - outline
+    from_corners = lattice[:, np.newaxis] - outline
+    inside = (sides[:, 0] * from_corners[..., 1] - sides[:, 1] * from_corners[..., 0] >= -1e-9).all(axis=1)
+    along = [
+        corner + np.linspace(0.0, 1.0, 1 + int(np.ceil(np.hypot(*side) / _BODY_M)))[:, np.newaxis] * side
+        for corner, side in zip(outline, sides, strict=True)
+    ]
+    return np.vstack([lattice[inside], *along])
 
 
 def _refined(poses: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import pytest
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from planning.drivable import UnknownSpace
+from planning.costmap import UnknownSpace
 from planning.errors import PlanningError
 from planning.plan import PlanError, PlanResult, PlanSettings, plan
 from planning.planner import Planner
@@ -147,9 +147,6 @@ def test_maps_without_free_space_refuse_every_end(rooms):
         assert result.advice is None
 
 
-def test_poses_and_vehicles_must_be_finite(rooms):
+def test_poses_must_be_finite(rooms):
     with pytest.raises(PlanningError, match="not a finite pose"):
         run(rooms, np.array([np.nan, 0.0, 0.0]), at(rooms, 1.0, 1.0, 0.0))
-    for bad in ({"turning_radius_m": 0.0}, {"half_width_m": np.nan}, {"margin_m": -0.1}, {"turning_radius_m": 0.1}):
-        with pytest.raises(PlanningError, match="vehicle"):
-            Vehicle(**bad)

@@ -16,7 +16,7 @@ import pytest
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from planning.drivable import UnknownSpace
+from planning.costmap import UnknownSpace
 from planning.errors import PlanningError, WorkerError
 from planning.plan import PlanError, PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
@@ -214,7 +214,7 @@ PROGRAM = """
 import sys, time
 import numpy as np
 from mapping.grid import OccupancyGrid
-from planning.drivable import UnknownSpace
+from planning.costmap import UnknownSpace
 from planning.plan import PlanSettings
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker

@@ -29,7 +29,7 @@ def plans(
 
     Exit code 3: some problems are unsolved. Exit code 1: a path collides.
     """
-    from planning.drivable import UnknownSpace
+    from planning.costmap import UnknownSpace
     from planning.plan import PlanSettings
     from planning.planner import Planner
     from planning.vehicle import Vehicle

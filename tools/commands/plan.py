@@ -54,7 +54,7 @@ def plan(
     Every pose is checked with the rectangle of the car (a Quanser QCar). Exit code 1: no path; the reason, and a pose
     nearby that would do where there is one, are printed all the same.
     """
-    from planning.drivable import UnknownSpace
+    from planning.costmap import UnknownSpace
     from planning.plan import PlanSettings
     from planning.planner import Planner
     from planning.vehicle import Vehicle
