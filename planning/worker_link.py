@@ -12,7 +12,7 @@ from planning.cancel_flag import CancelFlag
 from planning.errors import PlanningError, WorkerError
 from planning.worker_process import START_NUMBER, Clock, Refusal, Request, WarmUp
 
-_CANCEL_S = 0.03  # how long a cancelled search may take to end by itself
+_CANCEL_S = 0.02  # how long a cancelled search may take to end by itself
 _PROGRAM = (
     "import sys; sys.path[:] = sys.argv[3:]; from planning.worker_process import serve; "
     "serve(int(sys.argv[1]), int(sys.argv[2]))"
