@@ -129,32 +129,32 @@ class Answers:
         try:
             if isinstance(request, Order):
                 return self._plan(request, cancelled)
-            changed = request if isinstance(request, NewMap) else self._changed(request)
-            self._map = None  # rather none than an old one, should this fail
-            self._map = changed
+            known, self._map = self._map, None  # rather none than an old one, should this fail
+            self._map = request if isinstance(request, NewMap) else _changed(_required(known), request)
         except PlanningError as error:
             return Refusal(str(error), foreseen=True)
         except Exception:  # noqa: BLE001 - the parent raises it
             return Refusal(traceback.format_exc(), foreseen=False)
         return MapReady(self._clock() - started_s)
 
-    def _changed(self, change: ChangedWindow) -> NewMap:
-        known = self._known()
-        top, bottom, left, right = change.window
-        log_odds = known.grid.log_odds.copy()
-        log_odds[top:bottom, left:right] = change.log_odds
-        return replace(known, grid=replace(known.grid, log_odds=log_odds))
-
     def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:  # noqa: ARG002
-        known = self._known()
+        known = _required(self._map)
         settings = replace(order.settings, unknown=known.unknown)
         seed = 0 if order.seed is None else order.seed
         return plan(known.grid, order.start, order.goal, known.vehicle, settings, seed, clock=self._clock)
 
-    def _known(self) -> NewMap:
-        if self._map is None:
-            raise PlanningError("there is no map to plan on: call set_map first")
-        return self._map
+
+def _required(known: NewMap | None) -> NewMap:
+    if known is None:
+        raise PlanningError("there is no map to plan on: call set_map first")
+    return known
+
+
+def _changed(known: NewMap, change: ChangedWindow) -> NewMap:
+    top, bottom, left, right = change.window
+    log_odds = known.grid.log_odds.copy()
+    log_odds[top:bottom, left:right] = change.log_odds
+    return replace(known, grid=replace(known.grid, log_odds=log_odds))
 
 
 def _never() -> bool:
