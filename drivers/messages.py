@@ -192,5 +192,25 @@ class GridSnapshot:
         object.__setattr__(self, "cells", cells)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedPath:
+    """A way to drive, as other tools see it (nav_msgs/Path): poses (N, 3) of base_link, x, y and yaw in frame_id.
+
+    yaw is where the car points, also while it drives backwards. Raises ValueError for poses that are not finite.
+    """
+
+    stamp_ns: int
+    poses: FloatArray
+    frame_id: str = "map"
+
+    def __post_init__(self) -> None:
+        poses = _frozen_array(self.poses, (None, 3), "poses")
+        if not np.isfinite(poses).all():
+            raise ValueError("poses holds values that are not finite")
+        object.__setattr__(self, "poses", poses)
+
+
 Message = LaserScan | Odometry | Transform | RawChunk | LidarStream | DepthImage
-Recordable = Message | GridSnapshot
+Product = GridSnapshot | PlannedPath
+"""What came of messages: recorded for other tools, never replayed."""
+Recordable = Message | Product

@@ -22,13 +22,13 @@ from drivers.depth_folder import DepthFolder, is_depth_folder
 from drivers.depth_pixels import METRES_UNIT_M
 from drivers.depth_topics import find_depth
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, Message, Recordable
+from drivers.messages import Message, Product, Recordable
 from drivers.realsense_bag import RealsenseBag, is_ros1_bag
 from drivers.recording_files import open_storages
 from drivers.recording_storage import Storage, TopicInfo
 from drivers.ros_codec import (
-    GRID_TYPE,
     ODOMETRY_TYPE,
+    PRODUCT_TYPES,
     RAW_TYPE,
     SCAN_TYPE,
     STREAM_TYPE,
@@ -176,7 +176,7 @@ class BagRecording(Closing):
                     self._reasons.setdefault(stored.topic, f" ({error})")
                 continue
             for message in decoded:
-                if not isinstance(message, GridSnapshot):
+                if not isinstance(message, Product):
                     yield message
 
 
@@ -227,7 +227,10 @@ def _merged_topics(storages: Sequence[Storage], of_depth: Collection[str]) -> li
             counts[topic.name, topic.type_name] += topic.count
     return [
         TopicInfo(
-            name, type_name, count, name in of_depth or (is_decodable(type_name, name) and type_name != GRID_TYPE)
+            name,
+            type_name,
+            count,
+            name in of_depth or (is_decodable(type_name, name) and type_name not in PRODUCT_TYPES),
         )
         for (name, type_name), count in counts.items()
     ]

@@ -8,6 +8,7 @@
 | Odometry | nav_msgs/msg/Odometry | /odom |
 | Transform | tf2_msgs/msg/TFMessage | /tf, /tf_static (latched) |
 | GridSnapshot | nav_msgs/msg/OccupancyGrid | /map (latched) |
+| PlannedPath | nav_msgs/msg/Path | /plan (latched) |
 | DepthImage | sensor_msgs/msg/Image and what `depth_codec` puts beside it | /camera/depth/image_rect_raw |
 
 The first two use general types (every channel of a ROS recording needs a schema), so their topic decides what they are.
@@ -33,6 +34,7 @@ from drivers.messages import (
     LaserScan,
     LidarStream,
     Odometry,
+    PlannedPath,
     RawChunk,
     Recordable,
     Transform,
@@ -46,8 +48,10 @@ SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 TRANSFORM_TYPE = "tf2_msgs/msg/TFMessage"
 GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
+PATH_TYPE = "nav_msgs/msg/Path"
+PRODUCT_TYPES = (GRID_TYPE, PATH_TYPE)
 
-SingleMessage = LaserScan | Odometry | Transform | RawChunk | LidarStream | GridSnapshot
+SingleMessage = LaserScan | Odometry | Transform | RawChunk | LidarStream | GridSnapshot | PlannedPath
 """What goes into one ROS message: all but a DepthImage, which takes several (see depth_codec)."""
 
 _TYPES: dict[type[SingleMessage], str] = {
@@ -57,6 +61,7 @@ _TYPES: dict[type[SingleMessage], str] = {
     Odometry: ODOMETRY_TYPE,
     Transform: TRANSFORM_TYPE,
     GridSnapshot: GRID_TYPE,
+    PlannedPath: PATH_TYPE,
 }
 _TOPICS: dict[type[Recordable], str] = {
     RawChunk: "/lidar/raw",
@@ -65,6 +70,7 @@ _TOPICS: dict[type[Recordable], str] = {
     Odometry: "/odom",
     Transform: "/tf",
     GridSnapshot: "/map",
+    PlannedPath: "/plan",
     DepthImage: DEPTH_TOPIC,
 }
 
@@ -83,7 +89,9 @@ def default_topic(message: Recordable) -> str:
 
 def is_latched(message: SingleMessage) -> bool:
     """Tell whether a late subscriber must still get the last message (QoS durability transient_local)."""
-    return isinstance(message, LidarStream | GridSnapshot) or (isinstance(message, Transform) and message.static)
+    return isinstance(message, LidarStream | GridSnapshot | PlannedPath) or (
+        isinstance(message, Transform) and message.static
+    )
 
 
 def encode(message: SingleMessage, scan_bins: int | None = None) -> bytes:
@@ -100,6 +108,8 @@ def encode(message: SingleMessage, scan_bins: int | None = None) -> bytes:
         return encode_scan(message, bin_scan(message, scan_bins or bin_count(message)))
     elif isinstance(message, Odometry):
         body = _odometry_to_ros(message)
+    elif isinstance(message, PlannedPath):
+        body = _path_to_ros(message)
     else:
         body = _grid_to_ros(message)
     return to_cdr(body, ros_type(message))
@@ -157,6 +167,8 @@ def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[SingleMessage
             return _transforms_from_ros(body, static=topic.endswith("tf_static"))
         case ros.nav_msgs__msg__OccupancyGrid():
             return (_grid_from_ros(body),)
+        case ros.nav_msgs__msg__Path():
+            return (_path_from_ros(body, log_time_ns),)
     raise TypeError(f"no decoder for {type(body).__name__}")
 
 
@@ -267,6 +279,18 @@ def _grid_from_ros(body: ros.nav_msgs__msg__OccupancyGrid) -> GridSnapshot:
     cells = body.data.reshape(body.info.height, body.info.width)
     origin = _xy_yaw(body.info.origin)
     return GridSnapshot(header_stamp_ns(body.header), body.info.resolution, origin, cells, body.header.frame_id)
+
+
+def _path_to_ros(path: PlannedPath) -> ros.nav_msgs__msg__Path:
+    stamped = header(path.stamp_ns, path.frame_id)
+    return ros.nav_msgs__msg__Path(
+        stamped, [ros.geometry_msgs__msg__PoseStamped(stamped, _planar_pose(*pose)) for pose in path.poses.tolist()]
+    )
+
+
+def _path_from_ros(body: ros.nav_msgs__msg__Path, log_time_ns: int) -> PlannedPath:
+    poses = np.array([_xy_yaw(stamped.pose) for stamped in body.poses]).reshape(-1, 3)
+    return PlannedPath(header_stamp_ns(body.header) or log_time_ns, poses, body.header.frame_id)
 
 
 def _stream_from_ros(body: ros.std_msgs__msg__String) -> LidarStream:

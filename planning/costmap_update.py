@@ -16,6 +16,7 @@ from mapping.grid import OccupancyGrid
 from planning import costmap_layers as layers
 from planning.costmap import Costmap, UnknownSpace
 from planning.errors import PlanningError
+from planning.guide import refresh_guide
 from planning.footprint import Distances, Mask
 
 _AROUND_CELLS = 16  # looked at around a change for ways that lead past it
@@ -128,6 +129,8 @@ def _with_regions_and_costs(costmap: Costmap, grid: OccupancyGrid, affected: Win
     _, unseen = layers.occupied_and_unseen(grid.log_odds[affected.cells])
     costs = layers.route_costs(distances, unseen, passable_m, vehicle.inradius_m, costmap.unknown.route_cost)
     costmap.route_cost[affected.cells] = costs
+    window = (affected.top, affected.left, affected.bottom, affected.right)
+    refresh_guide(costmap.guide, costmap.route_cost, costmap.to_blocked_m, grid.resolution_m, vehicle, window)
     changed = _changed(affected, (costmap.region[affected.cells] > 0) != (distances >= passable_m))
     if changed is None:
         return replace(costmap, grid=grid)

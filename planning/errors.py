@@ -3,3 +3,7 @@
 
 class PlanningError(Exception):
     """Base of this layer's errors; the command line exits with 1."""
+
+
+class WorkerError(PlanningError):
+    """The process that plans crashed, was killed or could not start; the next request finds another one."""

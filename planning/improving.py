@@ -13,45 +13,54 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planning.edges import edge_is_free, steer
+from planning.costmap import Costmap
+from planning.edges import DUBINS, REEDS_SHEPP, STEP_M, edge_is_free, steer
 from planning.footprint import Distances, Mask
+from planning.pieces import Pieces, cost_between
 from planning.reeds_shepp import PIECES, TurnArray, drive
 
 FloatArray = NDArray[np.float64]
 
-MOST_PIECES = 2048
+_MOST_PIECES = 4096
 _LEAST_PIECE_M = 1e-7
 _LEAST_GAIN_M = 1e-5
-STEP_M = 0.01
 
 
-@njit(cache=True, nogil=True)
-def way_cost(lengths: FloatArray, turns: TurnArray, count: int, reverse_cost: float, cusp_cost: float) -> float:
-    """Return what a chain of pieces (count,) costs in m."""
-    return _cost(lengths, 0, count, 0, 0, reverse_cost, cusp_cost)
+class Improvement:
+    """A path on its way to become cheaper."""
+
+    def __init__(self, costmap: Costmap, pieces: Pieces) -> None:
+        vehicle = costmap.vehicle
+        self._map = (costmap.blocked, costmap.to_blocked_m, costmap.grid.resolution_m)
+        self._body = (vehicle.corners, vehicle.outer_radius_m)
+        self._costs = (vehicle.reverse_cost, vehicle.cusp_cost_m)
+        self._steering = (DUBINS if vehicle.forward_only else REEDS_SHEPP, vehicle.turning_radius_m)
+        self._count = len(pieces.lengths)
+        room = self._count + _MOST_PIECES
+        self._starts, self._lengths = np.zeros((room + 1, 3)), np.zeros(room)
+        self._turns = np.zeros(room, np.int64)
+        self._starts[: self._count + 1] = pieces.starts
+        self._lengths[: self._count], self._turns[: self._count] = pieces.lengths, pieces.turns
+
+    @property
+    def pieces(self) -> Pieces:
+        """The path as it is now."""
+        count = self._count
+        return Pieces(self._starts[: count + 1].copy(), self._lengths[:count].copy(), self._turns[:count].copy())
+
+    @property
+    def cost_m(self) -> float:
+        """What it costs now."""
+        return float(cost_between(self._lengths, 0, self._count, 0, 0, *self._costs))
+
+    def attempt(self, tries: int, seed: int) -> None:
+        """Try so many random changes; each keeps the path free and makes it cheaper, or is not made."""
+        where = (*self._map, *self._body, *self._steering, *self._costs)
+        chain = (self._starts, self._lengths, self._turns, self._count)
+        self._count = int(improve(*where, *chain, tries, seed))
 
 
-@njit(cache=True, nogil=True)
-def _cost(
-    lengths: FloatArray, start: int, stop: int, before: int, after: int, reverse_cost: float, cusp_cost: float
-) -> float:
-    """Return what pieces [start, stop) cost between pieces of gears before and after, 0 if there are none."""
-    total, gear = 0.0, before
-    for place in range(start, stop):
-        length = lengths[place]
-        if length == 0.0:
-            continue
-        now = 1 if length > 0.0 else -1
-        total += length if now > 0 else -length * reverse_cost
-        if gear != 0 and now != gear:
-            total += cusp_cost
-        gear = now
-    if gear != 0 and after != 0 and gear != after:
-        total += cusp_cost
-    return total
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def improve(
     blocked: Mask,
     distance_m: Distances,
@@ -127,7 +136,7 @@ def improve(
                 if abs(second_lengths[piece]) > _LEAST_PIECE_M:
                     new_lengths[fresh], new_turns[fresh] = second_lengths[piece], second_turns[piece]
                     fresh += 1
-        new = _cost(new_lengths, 0, fresh, before, after, reverse_cost, cusp_cost)
+        new = cost_between(new_lengths, 0, fresh, before, after, reverse_cost, cusp_cost)
         if new > old - _LEAST_GAIN_M:
             continue
         if not edge_is_free(
@@ -142,12 +151,12 @@ def improve(
     return count
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _sign(length: float) -> int:
     return 1 if length > 0.0 else -1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _locate(lengths: FloatArray, count: int, along: float) -> tuple[int, float]:
     """Return the piece so far along a path, and how much of it, with its sign, lies before."""
     for place in range(count):
@@ -158,7 +167,7 @@ def _locate(lengths: FloatArray, count: int, along: float) -> tuple[int, float]:
     return count - 1, lengths[count - 1]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _between(
     lengths: FloatArray,
     i: int,
@@ -177,13 +186,13 @@ def _between(
     else:
         lengths[i] = saved_i - part_i
         lengths[k] = part_k
-    cost = _cost(lengths, i, k + 1, before, after, reverse_cost, cusp_cost)
+    cost = cost_between(lengths, i, k + 1, before, after, reverse_cost, cusp_cost)
     lengths[i] = saved_i
     lengths[k] = saved_k
     return cost
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _splice(
     starts: FloatArray,
     lengths: FloatArray,

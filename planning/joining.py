@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from planning.edges import edge_is_free, steer
+from planning.edges import STEP_M, edge_is_free, steer
 from planning.footprint import Distances, Mask, is_free
 from planning.reeds_shepp import PIECES, TurnArray
 
@@ -24,23 +24,33 @@ IntArray = NDArray[np.int64]
 LAYER_M = 0.25
 _SMOOTH_LAYERS = 2
 _ASKEW = np.array([0.0, 0.35, -0.35, 0.8, -0.8, math.pi, math.pi + 0.4, math.pi - 0.4])
-_ASKEW_DENSE = np.arange(16) * (math.pi / 8.0)
-_ASIDE = np.array([0.0])
-_ASIDE_DENSE = np.array([0.0, 0.1, -0.1, 0.2, -0.2])
 _AHEAD = np.array([1, 2, 3, 4, 6, 8, 12, 16])
-_GREED = 1.15
-_MOST_CHECKS, _MOST_CHECKS_DENSE = 1_000, 20_000
-STEP_M = 0.01
+_GREED = 1.15  # prefers words that come far along the route to those that cost least
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """poses (N, 3) that fit, local; layer (N,) rising; the first is the start, the last the goal."""
+    """Local poses (N, 3) that fit, by rising layer (N,); the first is the start, the last the goal.
+
+    first (L + 1,): index of each layer's first pose; points (L, 2) of the route and what is to go along it (L,), in m.
+    """
 
     poses: FloatArray
     layer: IntArray
-    first: IntArray  # (layers + 1,) index of each layer's first pose
-    to_go_m: FloatArray  # (layers,) along the route
+    first: IntArray
+    points: FloatArray
+    to_go_m: FloatArray
+
+    def after(self, begin: int) -> Candidates:
+        """Return a candidate as the start, and those of the layers after its own."""
+        if begin == 0:
+            return self
+        layer = int(self.layer[begin])
+        kept = np.concatenate([[begin], np.arange(int(self.first[layer + 1]), len(self.poses))])
+        first = np.concatenate([[0], self.first[layer + 1 :] - self.first[layer + 1] + 1])
+        return Candidates(
+            self.poses[kept], self.layer[kept] - layer, first, self.points[layer:], self.to_go_m[layer:]
+        )
 
 
 def candidates(
@@ -50,18 +60,14 @@ def candidates(
     corners: FloatArray,
     route_m: FloatArray,
     ends: FloatArray,
-    *,
-    dense: bool,
 ) -> Candidates:
     """Put poses that fit along a route (N, 2) in local metres, between the start and the goal, ends (2, 3)."""
     points, along_m = _resampled(np.vstack([ends[:1, :2], route_m[1:-1], ends[1:, :2]]))
-    tangent = _tangents(points)
-    askew, aside = (_ASKEW_DENSE, _ASIDE_DENSE) if dense else (_ASKEW, _ASIDE)
-    poses, layer = _fitting(blocked, distance_m, cell_m, corners, points, tangent, askew, aside)
+    poses, layer = _fitting(blocked, distance_m, cell_m, corners, points, _tangents(points), _ASKEW)
     poses = np.vstack([ends[:1], poses, ends[1:]])
     layer = np.concatenate([[0], layer, [len(points) - 1]])
     first = np.searchsorted(layer, np.arange(len(points) + 1))
-    return Candidates(poses, layer, first, along_m[-1] - along_m)
+    return Candidates(poses, layer, first, points, along_m[-1] - along_m)
 
 
 def _resampled(route_m: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -87,7 +93,7 @@ def _tangents(points: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(after[:, 1] - before[:, 1], after[:, 0] - before[:, 0]))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _fitting(
     blocked: Mask,
     distance_m: Distances,
@@ -96,26 +102,23 @@ def _fitting(
     points: FloatArray,
     tangent: FloatArray,
     askew: FloatArray,
-    aside: FloatArray,
 ) -> tuple[FloatArray, IntArray]:
     """Return the poses (N, 3) that fit at the points between the first and the last, and their layers (N,)."""
-    poses = np.empty((len(points) * len(askew) * len(aside), 3))
+    poses = np.empty((len(points) * len(askew), 3))
     layer = np.empty(len(poses), dtype=np.int64)
     count = 0
     for place in range(1, len(points) - 1):
-        cos, sin = math.cos(tangent[place]), math.sin(tangent[place])
-        for shift in aside:
-            x, y = points[place, 0] - shift * sin, points[place, 1] + shift * cos
-            for turn in askew:
-                yaw = tangent[place] + turn
-                if is_free(blocked, distance_m, cell_m, x, y, yaw, corners):
-                    poses[count, 0], poses[count, 1], poses[count, 2] = x, y, yaw
-                    layer[count] = place
-                    count += 1
+        x, y = points[place, 0], points[place, 1]
+        for turn in askew:
+            yaw = tangent[place] + turn
+            if is_free(blocked, distance_m, cell_m, x, y, yaw, corners):
+                poses[count, 0], poses[count, 1], poses[count, 2] = x, y, yaw
+                layer[count] = place
+                count += 1
     return poses[:count].copy(), layer[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def join(
     blocked: Mask,
     distance_m: Distances,
@@ -131,10 +134,11 @@ def join(
     first: IntArray,
     to_go_m: FloatArray,
     most_checks: int,
-) -> tuple[IntArray, int]:
-    """Return the indices (K,) of the poses of a path from the first to the last, and how many words were checked.
+) -> IntArray:
+    """Return the indices (K,) of the poses of a path from the first to the last, or to the one reached furthest on.
 
-    K is 0 where there is none or most_checks were not enough; then the last return is the pose reached furthest on.
+    At most most_checks words are checked. The arguments before poses are those of `edges`, from poses those of
+    `Candidates`.
     """
     last, layers = len(poses) - 1, len(to_go_m)
     cost = np.full(len(poses), np.inf)
@@ -184,11 +188,14 @@ def join(
                 if layer[node] > layer[furthest]:
                     furthest = node
         if not found:
-            return np.empty(0, dtype=np.int64), furthest
+            return _chain(came_from, furthest)
         if node == last:
-            break
-    steps = 1
-    node = last
+            return _chain(came_from, last)
+
+
+@njit(cache=True)
+def _chain(came_from: IntArray, last: int) -> IntArray:
+    steps, node = 1, last
     while node:
         node = came_from[node]
         steps += 1
@@ -197,10 +204,10 @@ def join(
     for place in range(steps - 1, -1, -1):
         chain[place] = node
         node = came_from[node]
-    return chain, checks
+    return chain
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _push(
     keys: FloatArray, entries: FloatArray, count: int, key: float, total: float, parent: int, node: int
 ) -> tuple[FloatArray, FloatArray, int]:
@@ -221,7 +228,7 @@ def _push(
     return keys, entries, count + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _pop(keys: FloatArray, entries: FloatArray, count: int) -> int:
     count -= 1
     key = keys[count]

@@ -34,29 +34,7 @@ _TIGHT = 10.0
 _SLOPE = math.sqrt(5.0) - 2.0
 
 
-@njit(cache=True, nogil=True)
-def coarse_cells(
-    price: Prices, distance_m: Distances, cell_m: float, factor: int
-) -> tuple[Prices, Distances, FloatArray]:
-    """Pool cells: price (R, C) of the roomiest one, its distance (R, C) and its centre (R, C, 2) in local metres."""
-    rows, cols = price.shape
-    pooled_rows, pooled_cols = (rows + factor - 1) // factor, (cols + factor - 1) // factor
-    pooled = np.empty((pooled_rows, pooled_cols), dtype=np.float32)
-    room = np.empty((pooled_rows, pooled_cols), dtype=np.float32)
-    anchors = np.empty((pooled_rows, pooled_cols, 2))
-    for row in range(pooled_rows):
-        for col in range(pooled_cols):
-            best_i, best_j, best = row * factor, col * factor, np.float32(-1.0)
-            for i in range(row * factor, min((row + 1) * factor, rows)):
-                for j in range(col * factor, min((col + 1) * factor, cols)):
-                    if distance_m[i, j] > best:
-                        best_i, best_j, best = i, j, distance_m[i, j]
-            pooled[row, col], room[row, col] = price[best_i, best_j], best
-            anchors[row, col, 0], anchors[row, col, 1] = (best_j + 0.5) * cell_m, (best_i + 0.5) * cell_m
-    return pooled, room, anchors
-
-
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def find_route(
     price: Prices,
     room_m: Distances,
@@ -70,9 +48,11 @@ def find_route(
     goal: tuple[int, int],
     greed: float,
 ) -> IntArray:
-    """Return the cells (N, 2) of the cheapest route, row and column, both ends included; N is 0 where there is none.
+    """Return the cells (N, 2) of a guide's route, row and column, both ends included; N is 0 where there is none.
 
-    price (rows, cols): of a cell's width, at least 1; infinite where the car cannot be.
+    price, room_m, anchors are those of the guide (see there), with narrow_m: where there is less room, going on in a
+    direction in which the car does not fit at the anchor is dear. The route costs at most greed times the least.
+    blocked, distance_m, cell_m and corners are those of `footprint`.
     """
     rows, cols = price.shape
     cost = np.full(rows * cols, np.inf, dtype=np.float32)
@@ -121,7 +101,7 @@ def find_route(
     return np.empty((0, 2), dtype=np.int64)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _bound(row: int, col: int, goal: tuple[int, int]) -> float:
     """Return the length of the way over 16 directions in an empty grid, in cells."""
     a, b = abs(row - goal[0]), abs(col - goal[1])
@@ -131,7 +111,7 @@ def _bound(row: int, col: int, goal: tuple[int, int]) -> float:
     return 1.4142135 * (2 * shorter - longer) + 2.2360680 * (longer - shorter)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _backwards(came_by: NDArray[np.int8], first: int, last: int, cols: int) -> IntArray:
     count, cell = 1, last
     while cell != first:
@@ -148,7 +128,7 @@ def _backwards(came_by: NDArray[np.int8], first: int, last: int, cols: int) -> I
     return route
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _push(
     keys: NDArray[np.float32], cells: NDArray[np.int32], count: int, key: float, cell: int
 ) -> tuple[NDArray[np.float32], NDArray[np.int32], int]:
@@ -168,7 +148,7 @@ def _push(
     return keys, cells, count + 1
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def _pop(keys: NDArray[np.float32], cells: NDArray[np.int32], count: int) -> int:
     """Take the first off a binary heap; return how many are left."""
     count -= 1

@@ -6,11 +6,12 @@ Read from YAML; `mapfuse-robot config show` prints the effective one, `config sc
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, Field, ValidationError, model_validator
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from typing_extensions import Self
@@ -27,7 +28,9 @@ from mapping.odometry import OdometrySettings
 from mapping.sensor_models import LidarModel
 from mapping.slam import MappingSettings
 from mapping.virtual_scan import ScanSettings
+from tools.config_section import Section
 from tools.errors import UsageError
+from tools.planning_config import PlanningSection
 
 _ODOMETRY = OdometrySettings()
 _LIDAR = LidarModel()
@@ -43,11 +46,7 @@ class ConfigError(UsageError):
     """The configuration is not usable."""
 
 
-class _Section(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class MountSection(_Section):
+class MountSection(Section):
     """Where the laser's rotation centre sits in base_link (rear axle centre, on the ground)."""
 
     x_m: float = Field(0.12, description="forward of the rear axle; about the middle of a QCar: measure yours")
@@ -57,7 +56,7 @@ class MountSection(_Section):
     inverted: bool = Field(False, description="the sensor hangs upside down")
 
 
-class SectorSection(_Section):
+class SectorSection(Section):
     """A sector in which the laser sees the car itself; as seen from the laser, counter-clockwise, 0 = ahead."""
 
     from_rad: float = Field(ge=-6.3, le=6.3)
@@ -65,7 +64,7 @@ class SectorSection(_Section):
     nearer_than_m: float | None = Field(None, gt=0, description="hide only returns below this range; null: all")
 
 
-class LidarSection(_Section):
+class LidarSection(Section):
     """The RPLIDAR and how it is run."""
 
     baud: int | None = Field(None, gt=0, le=4_000_000, description="null: 115200 and 256000 are tried")
@@ -80,7 +79,7 @@ class LidarSection(_Section):
     mount: MountSection = MountSection()
 
 
-class CameraMountSection(_Section):
+class CameraMountSection(Section):
     """Where the depth camera's left imager sits in base_link."""
 
     x_m: float = Field(0.20, description="forward of the rear axle: measure yours")
@@ -91,7 +90,7 @@ class CameraMountSection(_Section):
     yaw_rad: float = Field(0.0, description="positive looks to the left")
 
 
-class DepthSection(_Section):
+class DepthSection(Section):
     """The depth camera, and what becomes of its images."""
 
     width: int = Field(848, gt=0, le=4096, description="of the image in pixels; 848x480 is what a D435 does best")
@@ -138,7 +137,7 @@ class DepthSection(_Section):
         return self
 
 
-class ReplaySection(_Section):
+class ReplaySection(Section):
     """How recordings of other programs are read."""
 
     scan_topic: str | None = Field(None, description="null: the LaserScan topic with the most messages")
@@ -149,7 +148,7 @@ class ReplaySection(_Section):
     )
 
 
-class OdometrySection(_Section):
+class OdometrySection(Section):
     """Scan matching (kiss-icp)."""
 
     source: Literal["kiss", "wheel", "recorded"] = Field(
@@ -173,7 +172,7 @@ class OdometrySection(_Section):
     max_correction_rad: float = Field(_ODOMETRY.max_correction_rad, gt=0)
 
 
-class SlamSection(_Section):
+class SlamSection(Section):
     """Keyframes, loop closure and refinement."""
 
     loop_closure: bool = Field(_GRAPH.loop_closure, description="look for places that were seen before")
@@ -186,7 +185,7 @@ class SlamSection(_Section):
     scan_every: int = Field(_MAPPING.scan_every, ge=1, le=1000, description="map only every n-th scan")
 
 
-class GridSection(_Section):
+class GridSection(Section):
     """The occupancy grid and its inverse sensor model."""
 
     resolution_m: float = Field(_MAPPING.resolution_m, ge=0.005, le=1.0, description="metres a cell")
@@ -201,7 +200,7 @@ class GridSection(_Section):
     noise_fraction: float = Field(_LIDAR.noise_fraction, ge=0, lt=1, description="range noise as a share of the range")
 
 
-class Config(_Section):
+class Config(Section):
     """All of it."""
 
     lidar: LidarSection = LidarSection()
@@ -210,6 +209,7 @@ class Config(_Section):
     odometry: OdometrySection = OdometrySection()
     slam: SlamSection = SlamSection()
     grid: GridSection = GridSection()
+    planning: PlanningSection = PlanningSection()
 
     def mapping_settings(self, *, tracked: bool = False) -> MappingSettings:
         """Return what mapping needs of this; tracked: the poses come from elsewhere and are taken as they are."""
@@ -275,6 +275,11 @@ class Config(_Section):
         given = {"loop_closure": loop_closure, "refine": refine, "scan_every": scan_every}
         chosen = {name: value for name, value in given.items() if value is not None}
         return self.model_copy(update={"slam": self.slam.model_copy(update=chosen)})
+
+    def with_planning(self, chosen: Mapping[str, object]) -> Config:
+        """Return a copy with what is chosen changed in the section `planning`; raise ConfigError for what cannot be."""
+        given = {name: value for name, value in chosen.items() if value is not None}
+        return parse({**self.model_dump(), "planning": {**self.planning.model_dump(), **given}}, "options")
 
     def with_odometry(self, source: Literal["kiss", "wheel", "recorded"] | None) -> Config:
         """Return a copy that takes its poses from another source; None changes nothing."""

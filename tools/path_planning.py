@@ -6,39 +6,66 @@ import json
 import logging
 import math
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from drivers.messages import Recordable
+from drivers.recording_writer import McapRecorder, library
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map_with_warnings
-from mapping.trajectory import Trajectory
+from planning.costmap import UnknownSpace
 from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
-from tools.errors import UsageError
-from tools.pictures import draw_map, write_picture
-from tools.results import Report, check_run_folder, new_run_folder, writing_to
+from planning.worker import PlanningWorker
+from tools.clock import RunClock
+from tools.errors import ToolError, UsageError
+from tools.pictures import Image, write_picture
+from tools.plan_picture import draw_plan
+from tools.planning_config import PlanningSection
+from tools.results import Report, check_run_folder, grid_snapshot, new_run_folder, writing_to
 
 log = logging.getLogger(__name__)
+FloatArray = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 
 def plan_on_map(
-    map_file: Path, start: Pose, goal: Pose, vehicle: Vehicle, settings: PlanSettings, seed: int, output: Path | None
+    worker: PlanningWorker,
+    map_file: Path,
+    start: Pose,
+    goal: Pose,
+    section: PlanningSection,
+    *,
+    seed: int | None = None,
+    output: Path | None = None,
 ) -> Report:
-    """Plan and report; with an output folder, leave plan.json and plan.png there. Raises MapFileError, UsageError."""
+    """Plan and report; with an output folder, leave plan.json, plan.png and plan.mcap there.
+
+    worker: may be warming up still. Raises MapFileError, UsageError, ToolError, PlanningError.
+    """
     for name, pose in (("--start", start), ("--goal", goal)):
         if not all(math.isfinite(value) for value in pose):
             raise UsageError(f"{name} {pose[0]:g} {pose[1]:g} {pose[2]:g}: expected finite x and y in m and yaw in rad")
     if output is not None:
         check_run_folder(output)
+        if map_file.stem == "plan" and map_file.resolve().parent == output.resolve():
+            raise ToolError(f"{output}: holds {map_file.name}, whose image plan.png could be: name another folder")
     loaded = read_map_with_warnings(map_file)
     for warning in loaded.warnings:
         log.warning("%s", warning)
-    result, seconds = timed_plan(loaded.grid, np.array(start), np.array(goal), vehicle, settings, seed)
+    grid, ends = loaded.grid, (np.array(start), np.array(goal))
+    worker.set_map(grid, section.vehicle(), UnknownSpace(section.unknown))
+    started = time.perf_counter()
+    result = worker.plan(*ends, section.plan_settings(), seed)
+    seconds = time.perf_counter() - started
+    if result.path is not None:
+        result = replace(result, path=result.path.at_speed(section.speed.limits()))
     report = _report(result, seconds)
     if output is not None:
-        _save(new_run_folder(output), loaded.grid, result, report)
+        _save(new_run_folder(output), grid, draw_plan(grid, *ends, result, section.vehicle()), result, report)
     return report
 
 
@@ -63,12 +90,25 @@ def _report(result: PlanResult, seconds: float) -> Report:
         "path": path.poses.tolist() if path else [],
         "direction": path.direction.tolist() if path else [],
         "speed_mps": path.speed_mps.round(4).tolist() if path else [],
+        "cusps": path.cusps.tolist() if path else [],
         "advice": result.advice.tolist() if result.advice is not None else None,
     }
 
 
-def _save(folder: Path, grid: OccupancyGrid, result: PlanResult, report: Report) -> None:
-    poses = result.path.poses if result.path else np.empty((0, 3))
+def _save(folder: Path, grid: OccupancyGrid, picture: Image, result: PlanResult, report: Report) -> None:
+    """Leave the plan in the folder, in place of an earlier one."""
+    recording = folder / "plan.mcap"
     with writing_to(folder):
-        write_picture(folder / "plan.png", draw_map(grid, Trajectory(np.arange(len(poses), dtype=np.int64), poses)))
+        write_picture(folder / "plan.png", picture)
         (folder / "plan.json").write_text(json.dumps(report) + "\n", encoding="utf-8")
+        recording.unlink(missing_ok=True)
+    stamp_ns = RunClock()()
+    messages: list[Recordable] = [grid_snapshot(grid, stamp_ns)]
+    if result.path is not None:
+        messages.append(result.path.to_message(stamp_ns))
+    with McapRecorder(recording, metadata={"mapfuse": {"written_by": library()}}) as recorder:
+        for message in messages:
+            recorder.put(message)
+        error = recorder.close().error
+    if error is not None:
+        raise ToolError(error)

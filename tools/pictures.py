@@ -36,7 +36,7 @@ def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image
         cv2.polylines(image, [shifted], False, _PATH_BGR, min(scale, 2), cv2.LINE_AA, 4)
         start_x, start_y = pixels[0].round().astype(int).tolist()
         cv2.circle(image, (start_x, start_y), 6, _START_BGR, cv2.FILLED, cv2.LINE_AA)
-    return _with_scale_bar(image, scale / grid.resolution_m)
+    return with_scale_bar(image, scale / grid.resolution_m)
 
 
 def draw_pose_graph(grid: OccupancyGrid, graph: PoseGraph) -> Image:
@@ -48,7 +48,7 @@ def draw_pose_graph(grid: OccupancyGrid, graph: PoseGraph) -> Image:
             cv2.line(image, shifted[first].tolist(), shifted[second].tolist(), color, width, cv2.LINE_AA, 4)
     for x, y in shifted.tolist():
         cv2.circle(image, (x, y), 16 * 2, _STEP_BGR, cv2.FILLED, cv2.LINE_AA, 4)
-    return _with_scale_bar(image, scale / grid.resolution_m)
+    return with_scale_bar(image, scale / grid.resolution_m)
 
 
 def cell_shades(log_odds: LogOdds, darkest: int = 0) -> Image:
@@ -87,7 +87,7 @@ def write_picture(path: Path, image: Image) -> None:
     path.write_bytes(data.tobytes())
 
 
-def _with_scale_bar(image: Image, pixels_per_m: float) -> Image:
+def with_scale_bar(image: Image, pixels_per_m: float) -> Image:
     """Return the picture with a strip below it that holds a bar of a round length."""
     lengths_m = [0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200]
     length_m = max([m for m in lengths_m if m * pixels_per_m <= image.shape[1] / 3] or lengths_m[:1])

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, LaserScan, LidarStream, Odometry, RawChunk, Transform
+from drivers.messages import GridSnapshot, LaserScan, LidarStream, Odometry, PlannedPath, RawChunk, Transform
 from drivers.recording_reader import open_recording
 from drivers.recording_writer import McapRecorder
 from drivers.ros_codec import ODOMETRY_TYPE, SCAN_TYPE, encode
@@ -62,7 +62,9 @@ def kinds(messages):
 def test_table_of_contents_and_messages(tmp_path):
     static = Transform(START_NS, "base_link", "laser", np.zeros(3), np.array([0, 0, 0, 1.0]), static=True)
     grid = GridSnapshot(START_NS + 500_000_000, 0.05, np.zeros(3), np.zeros((2, 2), np.int8))
-    path = record(tmp_path / "a.mcap", static, scan(0), scan(1), odometry(20), grid, metadata={"robot": {"name": "x"}})
+    way = PlannedPath(START_NS + 500_000_000, np.zeros((3, 3)))
+    robot = {"robot": {"name": "x"}}
+    path = record(tmp_path / "a.mcap", static, scan(0), scan(1), odometry(20), grid, way, metadata=robot)
 
     with open_recording(path) as recording:
         assert [(topic.name, topic.count, topic.decoded) for topic in recording.topics] == [
@@ -70,12 +72,13 @@ def test_table_of_contents_and_messages(tmp_path):
             ("/scan", 2, True),
             ("/odom", 1, True),
             ("/map", 1, False),
+            ("/plan", 1, False),
         ]
         assert recording.topics[1].type == SCAN_TYPE
-        assert recording.metadata == {"robot": {"name": "x"}}
+        assert recording.metadata == robot
         assert (recording.start_ns, recording.end_ns) == (START_NS, START_NS + 500_000_000)
         assert (recording.scan_topic, recording.odometry_topic, recording.has_raw) == ("/scan", "/odom", False)
-        assert recording.skipped == {"nav_msgs/msg/OccupancyGrid": 1}
+        assert recording.skipped == {"nav_msgs/msg/OccupancyGrid": 1, "nav_msgs/msg/Path": 1}
         messages = list(recording)
         assert (recording.truncated, recording.problems) == (False, [])
 

@@ -12,10 +12,11 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, LaserScan, LidarStream, Odometry, RawChunk, Transform
+from drivers.messages import GridSnapshot, LaserScan, LidarStream, Odometry, PlannedPath, RawChunk, Transform
 from drivers.ros_codec import (
     GRID_TYPE,
     ODOMETRY_TYPE,
+    PATH_TYPE,
     RAW_TYPE,
     SCAN_TYPE,
     STREAM_TYPE,
@@ -32,7 +33,7 @@ from drivers.ros_store import schema_text, type_hash
 
 STAMP_NS = 1_700_000_000_123_456_789
 STREAM = LidarStream(STAMP_NS, "A2M8", "1.29", 7, "AB12", 115200, "Boost", 0x84, 126.0, 12.0)
-ALL_TYPES = (RAW_TYPE, STREAM_TYPE, SCAN_TYPE, ODOMETRY_TYPE, TRANSFORM_TYPE, GRID_TYPE)
+ALL_TYPES = (RAW_TYPE, STREAM_TYPE, SCAN_TYPE, ODOMETRY_TYPE, TRANSFORM_TYPE, GRID_TYPE, PATH_TYPE)
 
 
 def same(left, right):
@@ -57,6 +58,8 @@ def round_trip(message):
         Transform(STAMP_NS, "base_link", "laser", np.array([0.1, 0, 0.2]), np.array([0, 0, 1.0, 0]), static=True),
         Transform(STAMP_NS, "map", "odom", np.array([1.0, -2, 3]), np.array([0, 0, 0, 1.0])),
         GridSnapshot(STAMP_NS, 0.0625, np.array([-1.0, 2.0, 0.0]), np.array([[-1, 0, 100], [50, 1, 2]])),
+        PlannedPath(STAMP_NS, np.array([[0.5, -1.0, 0.0], [3.25, 2.0, 0.0]]), "global"),
+        PlannedPath(STAMP_NS, np.zeros((0, 3))),
     ],
     ids=lambda message: type(message).__name__,
 )
@@ -73,6 +76,18 @@ def test_odometry_survives_to_the_last_digits_of_its_yaw(yaw):
     assert back.pose == pytest.approx(odometry.pose, abs=1e-14)
     assert back.twist.tolist() == odometry.twist.tolist()
     assert (back.stamp_ns, back.frame_id, back.child_frame_id) == (STAMP_NS, "odom", "base_link")
+
+
+def test_a_path_is_a_nav_msgs_path_with_a_heading_at_each_pose():
+    poses = np.column_stack([np.linspace(0, 3, 40), np.linspace(1, -1, 40), np.linspace(-3.1, 3.1, 40)])
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    body: Any = store.deserialize_cdr(encode(PlannedPath(STAMP_NS, poses)), "nav_msgs/msg/Path")
+    assert (body.header.frame_id, len(body.poses)) == ("map", 40)
+    for stamped, (x, y, yaw) in zip(body.poses, poses.tolist(), strict=True):
+        assert stamped.header.stamp.sec * 10**9 + stamped.header.stamp.nanosec == STAMP_NS
+        assert (stamped.pose.position.x, stamped.pose.position.y, stamped.pose.position.z) == (x, y, 0.0)
+        assert 2 * math.atan2(stamped.pose.orientation.z, stamped.pose.orientation.w) == pytest.approx(yaw)
+    assert round_trip(PlannedPath(STAMP_NS, poses)).poses == pytest.approx(poses, abs=1e-14)
 
 
 def test_odometry_is_projected_on_the_plane():
@@ -259,6 +274,18 @@ def test_odometry_that_is_not_finite_is_refused(value):
     )
     with pytest.raises(RecordingError, match="not finite"):
         decode(ODOMETRY_TYPE, data, "/odom", 0)
+
+
+def test_a_path_that_is_not_finite_is_refused():
+    data = edited(
+        PlannedPath(STAMP_NS, np.zeros((2, 3))),
+        PATH_TYPE,
+        lambda body: setattr(body.poses[1].pose.position, "y", math.nan),
+    )
+    with pytest.raises(RecordingError, match="not finite"):
+        decode(PATH_TYPE, data, "/plan", 0)
+    with pytest.raises(ValueError, match="expected"):
+        PlannedPath(STAMP_NS, np.zeros((2, 2)))
 
 
 @pytest.mark.parametrize(

@@ -76,9 +76,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the random samples; same seed, same result.")]
 
 
-def finite(value: float) -> float:
+def finite(value: float | None) -> float | None:
     """Refuse nan and inf, which pass every limit of an option or undo it."""
-    if not math.isfinite(value):
+    if value is not None and not math.isfinite(value):
         raise typer.BadParameter(f"{value} is not a finite number")
     return value
 

@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
+import time
 from enum import Enum
-from itertools import pairwise
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tools.commands.options import Json, Seed, TimeLimit, TurningRadius, finite, print_json
+from tools.commands.options import ConfigFile, Json, finite, load_config, print_json
 from tools.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from tools.results import Report
 
 
 class PlannerName(str, Enum):
-    """OMPL's planners on offer."""
+    """Planners on offer."""
 
-    rrt = "rrt"
     rrt_connect = "rrt_connect"
+    rrt = "rrt"
 
 
 class UnknownPolicy(str, Enum):
     """What to do about space that was not seen."""
 
     forbidden = "forbidden"
+    costly = "costly"
     free = "free"
 
 
@@ -31,49 +35,99 @@ def plan(
     map_file: Annotated[Path, typer.Argument(metavar="MAP", help="The map: .yaml or .npz.")],
     start: Annotated[
         tuple[float, float, float],
-        typer.Option(metavar="X Y YAW", help="Pose of the rear axle in the map frame: m, m, rad."),
+        typer.Option(
+            metavar="X Y YAW",
+            help="Where the car stands: its rear axle's middle in the map frame, in m, and where it points, in rad"
+            " (0 along x, 1.57 along y).",
+        ),
     ],
     goal: Annotated[tuple[float, float, float], typer.Option(metavar="X Y YAW", help="Where it is to stand.")],
-    planner: Annotated[PlannerName, typer.Option(help="OMPL planner.")] = PlannerName.rrt_connect,
-    radius: TurningRadius = 0.55,
+    planner: Annotated[
+        PlannerName | None,
+        typer.Option(help="How to search: OMPL's trees from both ends, or from the start.  [default: rrt_connect]"),
+    ] = None,
+    radius: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            min=0.2,
+            max=100.0,
+            callback=finite,
+            help="Tightest circle of the rear axle; what the steering can do, and a third more to correct with."
+            "  [default: 0.576, a QCar]",
+        ),
+    ] = None,
     margin: Annotated[
-        float, typer.Option(metavar="M", min=0.0, max=10.0, callback=finite, help="Room to keep around the car's body.")
-    ] = 0.01,
+        float | None,
+        typer.Option(
+            metavar="M", min=0.0, max=10.0, callback=finite, help="Room to keep around the body.  [default: 0.01]"
+        ),
+    ] = None,
     unknown: Annotated[
-        UnknownPolicy, typer.Option(help="Keep off unseen space (specks smaller than the car excepted), or not.")
-    ] = UnknownPolicy.forbidden,
-    time_limit: TimeLimit = 10.0,
-    seed: Seed = 0,
+        UnknownPolicy | None,
+        typer.Option(
+            help="Space that was not seen: keep off (specks smaller than the car excepted), go there for want of a"
+            " better way, or like anywhere else.  [default: forbidden]"
+        ),
+    ] = None,
+    time_limit: Annotated[
+        float | None,
+        typer.Option(metavar="S", min=0.0, max=3600.0, callback=finite, help="Give up after so long.  [default: 10]"),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Repeatable: the same path each time, other seeds, other paths.  [default: none]"),
+    ] = None,
+    config_file: ConfigFile = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="DIR", help="Also leave plan.json and plan.png here.")
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Also leave here: plan.png, a picture; plan.json; plan.mcap, the map and the path for ROS 2 tools.",
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Plan a path that a car can drive, in Reeds-Shepp curves, forwards and backwards.
+    """Plan a path that a car can drive, forwards and backwards, from one pose to another on a map.
 
-    Every pose is checked with the rectangle of the car (a Quanser QCar). Exit code 1: no path; the reason, and a pose
-    nearby that would do where there is one, are printed all the same.
+    The car is a Quanser QCar, or the one in the section `planning` of a configuration (see `config show`), footprint
+    included; options come before the file. Every centimetre of the path is checked with the car's outline. Exit code 1:
+    no path; the reason, and a pose nearby that would do where there is one, are printed all the same.
     """
-    from planning.costmap import UnknownSpace
-    from planning.plan import PlanSettings
-    from planning.planner import Planner
-    from planning.vehicle import Vehicle
+    from planning.worker import PlanningWorker
     from tools.path_planning import plan_on_map
 
-    settings = PlanSettings(Planner(planner.value), UnknownSpace(unknown.value), time_limit)
-    vehicle = Vehicle(turning_radius_m=radius, margin_m=margin)
-    report = plan_on_map(map_file, start, goal, vehicle, settings, seed, output)
+    chosen = {
+        "planner": planner and planner.value,
+        "turning_radius_m": radius,
+        "margin_m": margin,
+        "unknown": unknown and unknown.value,
+        "time_limit_s": time_limit,
+    }
+    section = load_config(config_file).with_planning(chosen).planning
+    with PlanningWorker(clock=time.monotonic) as worker:
+        report = plan_on_map(worker, map_file, start, goal, section, seed=seed, output=output)
     if as_json:
         print_json(report)
-    elif report["solved"]:
+    else:
+        _tell(report)
+        if output is not None:
+            typer.echo(f"  picture       {output / 'plan.png'}")
+    raise typer.Exit(ExitCode.OK if report["solved"] else ExitCode.FAILED)
+
+
+def _tell(report: Report) -> None:
+    """Print the path in short, or on stderr why there is none and what would do."""
+    if report["solved"]:
         clearance = report["min_clearance_m"]
         typer.echo(f"solved: {report['length_m']:.2f} m, {len(report['path'])} poses, in {report['seconds']:.2f} s")
         typer.echo(f"  nearest wall  {'none' if clearance is None else f'{clearance:.3f} m'} from the car's body")
-        typer.echo(f"  gear changes  {sum(a != b for a, b in pairwise(report['direction']))}")
-    else:
-        typer.echo(f"{report['error']}: {report['reason']}", err=True)
-        if report["advice"]:
-            typer.echo(
-                "  a pose nearby that would do: " + " ".join(f"{value:.3f}" for value in report["advice"]), err=True
-            )
-    raise typer.Exit(ExitCode.OK if report["solved"] else ExitCode.FAILED)
+        typer.echo(f"  gear changes  {len(report['cusps'])}")
+        return
+    typer.echo(f"{report['error']}: {report['reason']}", err=True)
+    if report["advice"]:
+        end = "--start" if report["error"].startswith("START") else "--goal"
+        pose = " ".join(f"{value:.4f}" for value in report["advice"])
+        typer.echo(f"  the nearest pose that would do: {end} {pose}", err=True)

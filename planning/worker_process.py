@@ -1,0 +1,169 @@
+"""The process that plans: what `planning.worker_link` starts, and what the two say to each other.
+
+It ignores Ctrl-C, which its parent answers, and ends when its parent is gone, however that went.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from multiprocessing.connection import Connection
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.grid import LogOdds, OccupancyGrid
+from planning.cancel_flag import CancelFlag
+from planning.costmap import UnknownSpace
+from planning.errors import PlanningError
+from planning.plan import PlanResult, PlanSettings, plan
+from planning.vehicle import Vehicle
+
+FloatArray = NDArray[np.float64]
+Clock = Callable[[], float]
+Window = tuple[int, int, int, int]  # first row, row after the last, first column, column after the last
+START_NUMBER = 0  # of the answer to the start itself; requests count from 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NewMap:
+    """Plan on this map from now on, for this car."""
+
+    grid: OccupancyGrid
+    vehicle: Vehicle
+    unknown: UnknownSpace
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChangedWindow:
+    """Cells of the map that are no longer what they were."""
+
+    window: Window
+    log_odds: LogOdds
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Order:
+    """Plan from start (3,) to goal (3,) on the latest map."""
+
+    start: FloatArray
+    goal: FloatArray
+    settings: PlanSettings
+    seed: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class WarmUp:
+    """seconds from the start of the process until it could plan; kernels_s: of that, to compile or load kernels."""
+
+    seconds: float
+    kernels_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class MapReady:
+    """The map is taken over; seconds that this took."""
+
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """text of a PlanningError, or the traceback of something unforeseen."""
+
+    text: str
+    foreseen: bool
+
+
+Request = NewMap | ChangedWindow | Order
+Answer = WarmUp | MapReady | PlanResult | Refusal
+
+
+def serve(connection_fd: int, flag_fd: int) -> None:
+    """Answer (number, request) by (number, answer) until the parent hangs up; the process ends here.
+
+    The first message is (clock, its reading at the start), the first answer a WarmUp.
+    """
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, args=(connection_fd,), name="watch-parent", daemon=True).start()
+    flag, connection = CancelFlag(flag_fd), Connection(connection_fd)
+    try:
+        clock, started_s = connection.recv()
+        before_s = clock()
+        warm_up(clock)
+        connection.send((START_NUMBER, WarmUp(clock() - started_s, clock() - before_s)))
+        answers = Answers(clock)
+        while True:
+            number, request = connection.recv()
+            connection.send((number, answers.to(request, partial(flag.is_cancelled, number))))
+    except (EOFError, ConnectionError):
+        os._exit(0)  # at once: OMPL would tell on stderr what it leaves behind
+
+
+def warm_up(clock: Clock) -> None:
+    """Plan once, on a small empty map, so that all that is compiled is so before the first request."""
+    grid = OccupancyGrid(np.full((60, 60), -5.0, np.float32), 0.05, np.zeros(3))
+    ends = np.array([1.0, 1.5, 0.0]), np.array([2.0, 1.5, 0.0])
+    for unknown in UnknownSpace:
+        answers = Answers(clock)
+        answers.to(NewMap(grid, Vehicle(), unknown), _never)
+        answers.to(Order(*ends, PlanSettings(time_limit_s=1.0), 1), _never)
+
+
+class Answers:
+    """What the process answers; keeps the map between requests."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._map: NewMap | None = None
+
+    def to(self, request: Request, cancelled: Callable[[], bool]) -> Answer:
+        """Return the answer; whatever goes wrong is an answer too."""
+        started_s = self._clock()
+        try:
+            if isinstance(request, Order):
+                return self._plan(request, cancelled)
+            known, self._map = self._map, None  # rather none than an old one, should this fail
+            self._map = request if isinstance(request, NewMap) else _changed(_required(known), request)
+        except PlanningError as error:
+            return Refusal(str(error), foreseen=True)
+        except Exception:  # noqa: BLE001 - the parent raises it
+            return Refusal(traceback.format_exc(), foreseen=False)
+        return MapReady(self._clock() - started_s)
+
+    def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:  # noqa: ARG002
+        known = _required(self._map)
+        settings = replace(order.settings, unknown=known.unknown)
+        seed = 0 if order.seed is None else order.seed
+        return plan(known.grid, order.start, order.goal, known.vehicle, settings, seed, clock=self._clock)
+
+
+def _required(known: NewMap | None) -> NewMap:
+    if known is None:
+        raise PlanningError("there is no map to plan on: call set_map first")
+    return known
+
+
+def _changed(known: NewMap, change: ChangedWindow) -> NewMap:
+    top, bottom, left, right = change.window
+    log_odds = known.grid.log_odds.copy()
+    log_odds[top:bottom, left:right] = change.log_odds
+    return replace(known, grid=replace(known.grid, log_odds=log_odds))
+
+
+def _never() -> bool:
+    return False
+
+
+def _end_with_parent(connection_fd: int) -> None:
+    """Wait until the other end of the connection is closed, and end the process, whatever it is doing."""
+    watch = select.poll()
+    watch.register(connection_fd, 0)  # a hang-up is always told
+    watch.poll()
+    os._exit(0)
