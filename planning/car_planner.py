@@ -26,9 +26,9 @@ from planning.route import find_route
 FloatArray = NDArray[np.float64]
 
 _GREED = 1.2  # of the first route; of the one to improve along none
-_NARROW_M = 0.05  # more room than the car's half length and width: no heading is tried there
+_NARROW_M = 0.05  # with so much room beside the car, whether it fits in the direction of a route is asked
 _MOST_ROUTES, _MOST_BRIDGES = 16, 4
-_MOST_CHECKS = 400  # words that joining may check
+_MOST_CHECKS = 250  # words that joining may check
 _BRIDGE_ITERATIONS = 150
 _BRIDGE_LAYERS = (4, 6, 8)  # so far on a bridge may end
 _ROUTE_COST = 30.0  # what a place where no way was found costs another route, as a multiple
@@ -81,7 +81,7 @@ def _first_path(costmap: Costmap, ends: FloatArray, seed: int, limits: Limits, s
         if len(route) == 0:
             break
         along = candidates(*_map(costmap), costmap.vehicle.corners, route, ends)
-        pieces, stuck = _follow(costmap, along, seed, limits, bridges=_MOST_BRIDGES if number else 1)
+        pieces, stuck = _follow(costmap, along, seed, limits, bridges=_MOST_BRIDGES)
         if pieces is not None:
             return pieces
         if limits.cancelled() or limits.clock() - started_s > limits.time_limit_s:
@@ -97,7 +97,7 @@ def _route(costmap: Costmap, guide: Guide, ends: FloatArray, greed: float) -> Fl
     """Return a route (N, 2) in local metres from start to goal; N is 0 where there is none."""
     cell_m, vehicle = costmap.grid.resolution_m, costmap.vehicle
     first, last = (guide.cell(x, y, cell_m) for x, y in ends[:, :2].tolist())
-    narrow_m = float(np.abs(vehicle.corners[:, 1]).max()) + 3.0 * _NARROW_M
+    narrow_m = float(np.abs(vehicle.corners[:, 1]).max()) + _NARROW_M
     where = (*_map(costmap), vehicle.corners)
     cells = find_route(guide.cost, guide.room_m, guide.anchors, narrow_m, *where, first, last, greed)
     return np.asarray(guide.anchors[cells[:, 0], cells[:, 1]])
@@ -197,7 +197,7 @@ class _Improver:
         plain = replace(guide, cost=np.where(guide.cost < 2.0, np.float32(1.0), guide.cost))
         route = _route(costmap, plain, self._ends, 1.0)
         along = candidates(*_map(costmap), costmap.vehicle.corners, route, self._ends)
-        return _follow(costmap, along, self._seed, self._limits, bridges=0)[0]
+        return _follow(costmap, along, self._seed, self._limits, bridges=2)[0]
 
     def _shorten(self, stale: int) -> None:
         """Shorten until so many iterations brought nothing."""
