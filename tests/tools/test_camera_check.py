@@ -47,5 +47,14 @@ def test_doctor_tells_it(cli):
 
 
 def test_doctor_alone_looks_at_all_it_can(cli):
-    outcome = cli("doctor", "--depth", "emulated:office", "--capture", "2")
-    assert outcome.out.splitlines()[0] == cli("doctor", "--camera", "--depth", "emulated:office").out.splitlines()[0]
+    outcome = cli("doctor", "--depth", "emulated:office", "--capture", "1")
+    asked = cli("doctor", "--camera", "--depth", "emulated:office", "--capture", "1")
+    assert outcome.out.splitlines()[0] == asked.out.splitlines()[0]
+
+
+def test_doctor_alone_says_how_the_lidar_is_checked_even_where_there_is_no_camera(cli):
+    for options in (["--depth", "emulated:nowhere"], ["--depth", "emulated:office", "--capture", "0", "--json"]):
+        outcome = cli("doctor", *options)
+        assert [line for line in outcome.err.splitlines() if "--lidar PORT" in line], options
+        assert "--lidar" not in outcome.out
+    assert "--lidar" not in cli("doctor", "--camera", "--depth", "emulated:nowhere").err
