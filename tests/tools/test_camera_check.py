@@ -10,7 +10,7 @@ from tools.config import parse
 CONFIG = parse({"depth": {"width": 424, "height": 240, "fps": 15}}, "test")
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_what_is_found_of_an_emulated_camera():
     check = check_camera("emulated:office", CONFIG, 8)
     assert check.simulated
@@ -38,7 +38,7 @@ def test_a_system_without_cameras_is_one_clear_line(tmp_path):
         check_camera("auto", CONFIG, 1, sysfs=tmp_path)
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_doctor_tells_it(cli):
     outcome = cli("doctor", "--camera", "--depth", "emulated:office", "--capture", "2")
     assert outcome.code in {0, 3}

@@ -117,7 +117,7 @@ def camera_that_is_lost(at):
     return open_depth_camera(emulator.path, DepthMode(424, 240, 30), calls=emulator)
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_a_lost_camera_does_not_end_a_run_that_has_a_lidar(caplog):
     camera = camera_that_is_lost(at=3)
     flow = MappingFlow(
@@ -153,7 +153,7 @@ class PacedLidar(ScriptedLidar):
             yield message
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_a_camera_that_comes_back_is_recorded_on_and_the_lidar_all_the_time(caplog, tmp_path):
     image = np.full((240, 424), 1500, np.uint16)
     emulator = D435Emulator(repeat(image), faults=StreamFaults(unplug_at=12))
@@ -192,7 +192,7 @@ def test_a_camera_that_comes_back_is_recorded_on_and_the_lidar_all_the_time(capl
     assert sum("end before the run" in line for line in told) == 1
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_a_lost_camera_ends_a_run_that_has_nothing_else():
     camera = camera_that_is_lost(at=3)
     outcome = record_live(None, threading.Event(), put=lambda _: None, camera=camera)
