@@ -17,7 +17,11 @@ from planning.reeds_shepp import PIECES, FloatArray, TurnArray
 
 REEDS_SHEPP, DUBINS = 0, 1  # kinds of words
 STEP_M = 0.01  # between two checked poses the car stays within its margin
+Discs = tuple[float, float, float, float, int]  # in m: x of the first, between two, y, radius; and how many
 _ROUNDING_M = 1e-9
+_ROOM_M = 0.02  # where the discs leave less, the outline itself is asked
+_MOST_DISCS = 6
+_HALF_DIAGONAL = 0.7072  # of a cell, its square reaches so far from its centre
 
 
 @numba.njit(cache=True)
@@ -66,7 +70,8 @@ def edge_is_free(
     if not is_free(blocked, distance_m, cell_m, x, y, yaw, corners):  # most edges that are not free end badly
         return False
     x, y, yaw = x0, y0, yaw0
-    room_m = free_length_m(blocked, distance_m, cell_m, x, y, yaw, corners, outer_radius_m)
+    discs = _discs(corners)
+    room_m = _room_m(blocked, distance_m, cell_m, corners, outer_radius_m, discs, x, y, yaw)
     if room_m < 0.0:
         return False
     for piece in range(len(lengths)):
@@ -79,7 +84,7 @@ def edge_is_free(
             step += max(int((room_m - _ROUNDING_M) / moves_m), 1)
             part = lengths[piece] * (step / steps)
             at_x, at_y, at_yaw = reeds_shepp.drive(x, y, yaw, part, turns[piece], radius)
-            room_m = free_length_m(blocked, distance_m, cell_m, at_x, at_y, at_yaw, corners, outer_radius_m)
+            room_m = _room_m(blocked, distance_m, cell_m, corners, outer_radius_m, discs, at_x, at_y, at_yaw)
             if room_m < 0.0:
                 return False
         room_m -= (steps - step) * moves_m
@@ -111,6 +116,52 @@ def way_is_free(
     return edge_is_free(
         blocked, distance_m, cell_m, corners, outer_radius_m, lengths, turns, x0, y0, yaw0, radius, STEP_M
     )
+
+
+@numba.njit(cache=True)
+def _discs(corners: FloatArray) -> Discs:
+    """Return equal discs in a row along the car that cover it."""
+    low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
+    for k in range(len(corners)):
+        low_x, high_x = min(low_x, corners[k, 0]), max(high_x, corners[k, 0])
+        low_y, high_y = min(low_y, corners[k, 1]), max(high_y, corners[k, 1])
+    length_m, width_m = high_x - low_x, high_y - low_y
+    count = min(math.ceil(length_m / width_m), _MOST_DISCS)
+    apart = length_m / count
+    return low_x + apart / 2.0, apart, (low_y + high_y) / 2.0, math.hypot(apart, width_m) / 2.0, count
+
+
+@numba.njit(cache=True)
+def _room_m(
+    blocked: Mask,
+    distance_m: Distances,
+    cell_m: float,
+    corners: FloatArray,
+    outer_radius_m: float,
+    discs: Discs,
+    x: float,
+    y: float,
+    yaw: float,
+) -> float:
+    """Return what `free_length_m` does, or where discs around the car leave enough, what they leave: much cheaper."""
+    first, apart, side, radius, count = discs
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    rows, cols = blocked.shape
+    width_m, height_m = cols * cell_m, rows * cell_m
+    room_m = math.inf
+    for number in range(count):
+        along = first + number * apart
+        disc_x, disc_y = x + cos * along - sin * side, y + sin * along + cos * side
+        room_m = min(room_m, min(disc_x, width_m - disc_x, disc_y, height_m - disc_y) - radius)
+        if room_m < _ROOM_M:
+            break
+        row, col = int(disc_y / cell_m), int(disc_x / cell_m)
+        off_x, off_y = disc_x - (col + 0.5) * cell_m, disc_y - (row + 0.5) * cell_m
+        off = math.sqrt(off_x * off_x + off_y * off_y) + _HALF_DIAGONAL * cell_m
+        room_m = min(room_m, distance_m[row, col] - off - radius)
+    if room_m >= _ROOM_M:
+        return room_m
+    return free_length_m(blocked, distance_m, cell_m, x, y, yaw, corners, outer_radius_m)
 
 
 @numba.njit(cache=True)
