@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from mapping.grid import LogOdds, OccupancyGrid
 from planning.cancel_flag import CancelFlag
-from planning.costmap import UnknownSpace
+from planning.costmap import Costmap, UnknownSpace, costmap
+from planning.costmap_update import Window, update
 from planning.errors import PlanningError
 from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
 Clock = Callable[[], float]
-Window = tuple[int, int, int, int]  # first row, row after the last, first column, column after the last
 START_NUMBER = 0  # of the answer to the start itself; requests count from 1
 
 
@@ -121,7 +121,7 @@ class Answers:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._map: NewMap | None = None
+        self._costmap: Costmap | None = None
 
     def to(self, request: Request, cancelled: Callable[[], bool]) -> Answer:
         """Return the answer; whatever goes wrong is an answer too."""
@@ -129,8 +129,11 @@ class Answers:
         try:
             if isinstance(request, Order):
                 return self._plan(request, cancelled)
-            known, self._map = self._map, None  # rather none than an old one, should this fail
-            self._map = request if isinstance(request, NewMap) else _changed(_required(known), request)
+            known, self._costmap = self._costmap, None  # rather none than an old one, should this fail
+            if isinstance(request, NewMap):
+                self._costmap = costmap(request.grid, request.vehicle, request.unknown)
+            else:
+                self._costmap = _changed(_required(known), request)
         except PlanningError as error:
             return Refusal(str(error), foreseen=True)
         except Exception:  # noqa: BLE001 - the parent raises it
@@ -138,23 +141,22 @@ class Answers:
         return MapReady(self._clock() - started_s)
 
     def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:  # noqa: ARG002
-        known = _required(self._map)
+        known = _required(self._costmap)
         settings = replace(order.settings, unknown=known.unknown)
         seed = 0 if order.seed is None else order.seed
         return plan(known.grid, order.start, order.goal, known.vehicle, settings, seed, clock=self._clock)
 
 
-def _required(known: NewMap | None) -> NewMap:
+def _required(known: Costmap | None) -> Costmap:
     if known is None:
         raise PlanningError("there is no map to plan on: call set_map first")
     return known
 
 
-def _changed(known: NewMap, change: ChangedWindow) -> NewMap:
-    top, bottom, left, right = change.window
+def _changed(known: Costmap, change: ChangedWindow) -> Costmap:
     log_odds = known.grid.log_odds.copy()
-    log_odds[top:bottom, left:right] = change.log_odds
-    return replace(known, grid=replace(known.grid, log_odds=log_odds))
+    log_odds[change.window.cells] = change.log_odds
+    return update(known, replace(known.grid, log_odds=log_odds), change.window)
 
 
 def _never() -> bool:

@@ -17,12 +17,15 @@ import pytest
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from planning.costmap import UnknownSpace
+from planning.costmap_update import Window
+from planning.ends import PlanError
 from planning.errors import PlanningError, WorkerError
-from planning.plan import PlanError, PlanResult, PlanSettings, plan
+from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker, WorkerState
 
 QCAR = Vehicle()
+DOOR = Window(50, 80, 70, 81)
 PATIENT = PlanSettings(time_limit_s=60.0)
 
 
@@ -126,13 +129,13 @@ def test_a_window_that_changes_the_map_changes_the_plans(worker, rooms):
     shut = rooms.log_odds.copy()
     shut[50:70, 80] = 5.0
     assert worker.plan(*ends(rooms), PlanSettings(), 1).path is not None
-    worker.update_map(OccupancyGrid(shut, rooms.resolution_m, rooms.origin), (50, 70, 80, 81))
+    worker.update_map(OccupancyGrid(shut, rooms.resolution_m, rooms.origin), DOOR)
     assert worker.plan(*ends(rooms), PlanSettings(), 1).error is PlanError.no_valid_path
-    worker.update_map(rooms, (50, 70, 80, 81))
+    worker.update_map(rooms, DOOR)
     assert worker.plan(*ends(rooms), PlanSettings(), 1).path is not None
     smaller = OccupancyGrid(shut[1:], rooms.resolution_m, rooms.origin)
     with pytest.raises(PlanningError, match="set_map"):
-        worker.update_map(smaller, (0, 1, 0, 1))
+        worker.update_map(smaller, DOOR)
 
 
 def test_cancel_ends_the_search_of_another_thread_and_no_later_one(worker, slit, rooms):
@@ -215,6 +218,7 @@ import sys, time
 import numpy as np
 from mapping.grid import OccupancyGrid
 from planning.costmap import UnknownSpace
+from planning.costmap_update import Window
 from planning.plan import PlanSettings
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker
