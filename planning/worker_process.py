@@ -111,9 +111,10 @@ def warm_up(clock: Clock) -> None:
     grid = OccupancyGrid(np.full((60, 60), -5.0, np.float32), 0.05, np.zeros(3))
     ends = np.array([1.0, 1.5, 0.0]), np.array([2.0, 1.5, 0.0])
     for unknown in UnknownSpace:
-        answers = Answers(clock)
-        answers.to(NewMap(grid, Vehicle(), unknown), _never)
-        answers.to(Order(*ends, PlanSettings(time_limit_s=1.0), 1), _never)
+        for vehicle in (Vehicle(), Vehicle(forward_only=True)):
+            answers = Answers(clock)
+            answers.to(NewMap(grid, vehicle, unknown), _never)
+            answers.to(Order(*ends, PlanSettings(iterations=1, time_limit_s=1.0), 1), _never)
 
 
 class Answers:
@@ -140,11 +141,10 @@ class Answers:
             return Refusal(traceback.format_exc(), foreseen=False)
         return MapReady(self._clock() - started_s)
 
-    def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:  # noqa: ARG002
+    def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:
         known = _required(self._costmap)
-        settings = replace(order.settings, unknown=known.unknown)
-        seed = 0 if order.seed is None else order.seed
-        return plan(known.grid, order.start, order.goal, known.vehicle, settings, seed, clock=self._clock)
+        arguments = (known, order.start, order.goal, order.settings)
+        return plan(*arguments, seed=order.seed, clock=self._clock, cancelled=cancelled)
 
 
 def _required(known: Costmap | None) -> Costmap:

@@ -16,7 +16,7 @@ import pytest
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from planning.costmap import UnknownSpace
+from planning.costmap import UnknownSpace, costmap
 from planning.costmap_update import Window
 from planning.ends import PlanError
 from planning.errors import PlanningError, WorkerError
@@ -101,7 +101,8 @@ class Search(threading.Thread):
 def test_the_same_plans_as_in_this_process(worker, rooms):
     for seed in (3, 4):
         there = worker.plan(*ends(rooms), PlanSettings(), seed)
-        here = plan(rooms, *ends(rooms), QCAR, PlanSettings(), seed, clock=time.monotonic)
+        known = costmap(rooms, QCAR, UnknownSpace.forbidden)
+        here = plan(known, *ends(rooms), PlanSettings(), seed=seed, clock=time.monotonic)
         assert there.path is not None
         assert here.path is not None
         np.testing.assert_array_equal(there.path.poses, here.path.poses)
@@ -143,8 +144,10 @@ def test_cancel_ends_the_search_of_another_thread_and_no_later_one(worker, slit,
     worker.set_map(slit, QCAR, UnknownSpace.forbidden)
     search = Search(worker)
     assert worker.state is WorkerState.busy
+    pid = worker.pid
     worker.cancel()
     assert search.finished().error is PlanError.cancelled
+    assert worker.pid == pid  # it answered itself: nothing had to be killed
     worker.set_map(rooms, QCAR, UnknownSpace.forbidden)
     assert worker.plan(*ends(rooms), PlanSettings(), 1).path is not None
 
@@ -217,7 +220,7 @@ PROGRAM = """
 import sys, time
 import numpy as np
 from mapping.grid import OccupancyGrid
-from planning.costmap import UnknownSpace
+from planning.costmap import UnknownSpace, costmap
 from planning.costmap_update import Window
 from planning.plan import PlanSettings
 from planning.vehicle import Vehicle
