@@ -15,11 +15,13 @@ from drivers.sources import Closing
 from mapping.grid import OccupancyGrid
 from planning.cancel_flag import CancelFlag
 from planning.costmap import UnknownSpace
+from planning.costmap_update import Window
+from planning.ends import PlanError
 from planning.errors import PlanningError, WorkerError
-from planning.plan import PlanError, PlanResult, PlanSettings
+from planning.plan import PlanResult, PlanSettings
 from planning.vehicle import Vehicle
 from planning.worker_link import LateError, WorkerLink
-from planning.worker_process import ChangedWindow, Clock, MapReady, NewMap, Order, Request, WarmUp, Window
+from planning.worker_process import ChangedWindow, Clock, MapReady, NewMap, Order, Request, WarmUp
 
 FloatArray = NDArray[np.float64]
 
@@ -96,7 +98,7 @@ class PlanningWorker(Closing):
             return self._send_map(link).seconds
 
     def update_map(self, grid: OccupancyGrid, window: Window) -> float:
-        """Take over a map that differs from the last one in a window only (first row, end, first column, end).
+        """Take over a map that differs from the last one in a window only.
 
         Only these cells are sent. Raises PlanningError where no map of this size and place was set.
         """
@@ -107,8 +109,7 @@ class PlanningWorker(Closing):
             self._map = NewMap(grid, known.vehicle, known.unknown)
             if not self._map_sent:
                 return self._send_map(link).seconds
-            top, bottom, left, right = window
-            return self._map_answer(link, ChangedWindow(window, grid.log_odds[top:bottom, left:right])).seconds
+            return self._map_answer(link, ChangedWindow(window, grid.log_odds[window.cells])).seconds
 
     def plan(self, start: FloatArray, goal: FloatArray, settings: PlanSettings, seed: int | None = None) -> PlanResult:
         """Plan from start (3,) to goal (3,) on the map that was set, as `planning.plan.plan` does.

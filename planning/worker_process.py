@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 
 from mapping.grid import LogOdds, OccupancyGrid
 from planning.cancel_flag import CancelFlag
-from planning.costmap import UnknownSpace
+from planning.costmap import Costmap, UnknownSpace, costmap
+from planning.costmap_update import Window, update
 from planning.errors import PlanningError
 from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
 Clock = Callable[[], float]
-Window = tuple[int, int, int, int]  # first row, row after the last, first column, column after the last
 START_NUMBER = 0  # of the answer to the start itself; requests count from 1
 
 
@@ -111,9 +111,10 @@ def warm_up(clock: Clock) -> None:
     grid = OccupancyGrid(np.full((60, 60), -5.0, np.float32), 0.05, np.zeros(3))
     ends = np.array([1.0, 1.5, 0.0]), np.array([2.0, 1.5, 0.0])
     for unknown in UnknownSpace:
-        answers = Answers(clock)
-        answers.to(NewMap(grid, Vehicle(), unknown), _never)
-        answers.to(Order(*ends, PlanSettings(time_limit_s=1.0), 1), _never)
+        for vehicle in (Vehicle(), Vehicle(forward_only=True)):
+            answers = Answers(clock)
+            answers.to(NewMap(grid, vehicle, unknown), _never)
+            answers.to(Order(*ends, PlanSettings(iterations=1, time_limit_s=1.0), 1), _never)
 
 
 class Answers:
@@ -121,7 +122,7 @@ class Answers:
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
-        self._map: NewMap | None = None
+        self._costmap: Costmap | None = None
 
     def to(self, request: Request, cancelled: Callable[[], bool]) -> Answer:
         """Return the answer; whatever goes wrong is an answer too."""
@@ -129,32 +130,33 @@ class Answers:
         try:
             if isinstance(request, Order):
                 return self._plan(request, cancelled)
-            known, self._map = self._map, None  # rather none than an old one, should this fail
-            self._map = request if isinstance(request, NewMap) else _changed(_required(known), request)
+            known, self._costmap = self._costmap, None  # rather none than an old one, should this fail
+            if isinstance(request, NewMap):
+                self._costmap = costmap(request.grid, request.vehicle, request.unknown)
+            else:
+                self._costmap = _changed(_required(known), request)
         except PlanningError as error:
             return Refusal(str(error), foreseen=True)
         except Exception:  # noqa: BLE001 - the parent raises it
             return Refusal(traceback.format_exc(), foreseen=False)
         return MapReady(self._clock() - started_s)
 
-    def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:  # noqa: ARG002
-        known = _required(self._map)
-        settings = replace(order.settings, unknown=known.unknown)
-        seed = 0 if order.seed is None else order.seed
-        return plan(known.grid, order.start, order.goal, known.vehicle, settings, seed, clock=self._clock)
+    def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:
+        known = _required(self._costmap)
+        arguments = (known, order.start, order.goal, order.settings)
+        return plan(*arguments, seed=order.seed, clock=self._clock, cancelled=cancelled)
 
 
-def _required(known: NewMap | None) -> NewMap:
+def _required(known: Costmap | None) -> Costmap:
     if known is None:
         raise PlanningError("there is no map to plan on: call set_map first")
     return known
 
 
-def _changed(known: NewMap, change: ChangedWindow) -> NewMap:
-    top, bottom, left, right = change.window
+def _changed(known: Costmap, change: ChangedWindow) -> Costmap:
     log_odds = known.grid.log_odds.copy()
-    log_odds[top:bottom, left:right] = change.log_odds
-    return replace(known, grid=replace(known.grid, log_odds=log_odds))
+    log_odds[change.window.cells] = change.log_odds
+    return update(known, replace(known.grid, log_odds=log_odds), change.window)
 
 
 def _never() -> bool:

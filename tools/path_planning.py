@@ -16,9 +16,8 @@ from drivers.messages import Recordable
 from drivers.recording_writer import McapRecorder, library
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map_with_warnings
-from planning.costmap import UnknownSpace
+from planning.costmap import Costmap, UnknownSpace
 from planning.plan import PlanResult, PlanSettings, plan
-from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker
 from tools.clock import RunClock
 from tools.errors import ToolError, UsageError
@@ -70,11 +69,11 @@ def plan_on_map(
 
 
 def timed_plan(
-    grid: OccupancyGrid, start: np.ndarray, goal: np.ndarray, vehicle: Vehicle, settings: PlanSettings, seed: int
+    known: Costmap, start: FloatArray, goal: FloatArray, settings: PlanSettings, seed: int | None
 ) -> tuple[PlanResult, float]:
-    """Return the plan and the wall time in s that it took."""
+    """Return the plan, made in this process, and the wall time in s that it took."""
     started = time.perf_counter()
-    result = plan(grid, start, goal, vehicle, settings, seed, clock=time.monotonic)
+    result = plan(known, start, goal, settings, seed=seed, clock=time.monotonic)
     return result, time.perf_counter() - started
 
 
@@ -86,6 +85,9 @@ def _report(result: PlanResult, seconds: float) -> Report:
         "reason": result.reason,
         "length_m": round(path.length_m, 4) if path else None,
         "seconds": round(seconds, 4),
+        "first_path_s": None if result.first_path_s is None else round(result.first_path_s, 4),
+        "iterations": result.iterations,
+        "ended_by": result.ended_by.value if result.ended_by else None,
         "min_clearance_m": round(clearance, 4) if clearance is not None and math.isfinite(clearance) else None,
         "path": path.poses.tolist() if path else [],
         "direction": path.direction.tolist() if path else [],

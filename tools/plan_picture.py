@@ -122,7 +122,7 @@ def _title(result: PlanResult, width_px: int) -> Image:
 def plan_summary(result: PlanResult) -> str:
     """Return the plan in one line: length, gear changes and clearance, or the error and its reason."""
     if result.path is None:
-        return f"{result.error.value if result.error else 'no path'}: {result.reason}"
+        return f"{result.error.nav2_name if result.error else 'no path'}: {result.reason}"
     cusps, clearance_m = len(result.path.cusps), result.min_clearance_m
     wall = "" if clearance_m is None or np.isinf(clearance_m) else f", nearest wall {clearance_m:.3f} m from the body"
     return f"{result.path.length_m:.2f} m, {cusps} gear change{'' if cusps == 1 else 's'}{wall}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +14,10 @@ from drivers.wording import fault_in
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
+from planning.costmap import UnknownSpace, costmap
 from planning.plan import PlanSettings
 from planning.vehicle import Vehicle
+from planning.worker_process import warm_up
 from tools.errors import ToolError
 from tools.path_planning import timed_plan
 from tools.results import Report
@@ -25,7 +28,12 @@ _POSES_AT_ONCE = 500
 
 
 def evaluate_plans(
-    problems_file: Path, vehicle: Vehicle, settings: PlanSettings, seed: int, on_progress: Callable[[str], None]
+    problems_file: Path,
+    vehicle: Vehicle,
+    unknown: UnknownSpace,
+    settings: PlanSettings,
+    seed: int,
+    on_progress: Callable[[str], None],
 ) -> Report:
     """Plan each problem of a file {map: [{start, goal, ref}, ...]} on <map>.yaml beside it.
 
@@ -46,18 +54,17 @@ def evaluate_plans(
             f"{problems_file}: not a file of planning problems ({fault_in(error)}): expected "
             "{map: [{start: [x, y, yaw], goal: [x, y, yaw], ref: m}, ...]}"
         ) from error
-    grids = {name: read_map(file) for name, file in files.items()}
-    for grid in grids.values():  # compile before the clock runs
-        timed_plan(grid, np.zeros(3), np.zeros(3), vehicle, settings, seed)
+    costmaps = {name: costmap(read_map(file), vehicle, unknown) for name, file in files.items()}
+    warm_up(time.monotonic)  # before the clock runs
     rows = []
     for number, (name, start, goal, ref_m) in enumerate(cases):
-        result, seconds = timed_plan(grids[name], start, goal, vehicle, settings, seed)
+        result, seconds = timed_plan(costmaps[name], start, goal, settings, seed)
         row: Report = {"map": name, "problem": number, "solved": result.path is not None, "seconds": round(seconds, 4)}
         row["error"] = result.error.nav2_name if result.error else None
         row["reason"] = result.reason
         if result.path is not None:
             row["length_over_ref"] = round(result.path.length_m / ref_m, 4)
-            row["colliding_poses"] = colliding_poses(grids[name], result.path.poses, vehicle)
+            row["colliding_poses"] = colliding_poses(costmaps[name].grid, result.path.poses, vehicle)
         rows.append(row)
         on_progress(f"{name} {number}: {'solved' if row['solved'] else row['error']} in {seconds:.2f} s")
     return {"planner": settings.planner.value, "maps": {name: _summary(rows, name) for name in problems}, "rows": rows}

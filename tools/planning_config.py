@@ -54,8 +54,14 @@ class PlanningSection(Section):
         description="space that was not seen: keep off (specks smaller than the car excepted), go there for want of a"
         " better way, or like anywhere else",
     )
-    planner: Literal["rrt_connect", "rrt"] = Field("rrt_connect", description="OMPL's: a tree from each end, or one")
+    planner: Literal["car", "rrt", "rrt_connect", "rrt_star", "informed_rrt_star", "bit_star"] = Field(
+        "car", description="car: a guided search and improvement; the others are OMPL's alone, for comparison"
+    )
+    budget_s: float = Field(0.3, ge=0, le=3600, description="time for finding a path and making it shorter")
+    iterations: int = Field(400, ge=1, le=10_000_000, description="the budget instead, where a seed is given")
     time_limit_s: float = Field(10.0, ge=0, le=3600, description="after this there is no path")
+    goal_tolerance_m: float = Field(0.0, ge=0, le=100, description="how far from the goal the car may end")
+    goal_tolerance_rad: float = Field(0.0, ge=0, le=3.15, description="and how much turned from it")
     speed: SpeedSection = SpeedSection()
 
     @model_validator(mode="after")
@@ -80,8 +86,13 @@ class PlanningSection(Section):
 
     def plan_settings(self) -> PlanSettings:
         """Return how a path is searched for."""
-        from planning.costmap import UnknownSpace  # compiled code and OMPL
-        from planning.plan import PlanSettings
-        from planning.planner import Planner
+        from planning.plan import Planner, PlanSettings  # loads OMPL
 
-        return PlanSettings(Planner(self.planner), UnknownSpace(self.unknown), self.time_limit_s)
+        return PlanSettings(
+            planner=Planner(self.planner),
+            budget_s=self.budget_s,
+            iterations=self.iterations,
+            time_limit_s=self.time_limit_s,
+            goal_tolerance_m=self.goal_tolerance_m,
+            goal_tolerance_rad=self.goal_tolerance_rad,
+        )

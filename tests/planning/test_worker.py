@@ -16,13 +16,16 @@ import pytest
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from planning.costmap import UnknownSpace
+from planning.costmap import UnknownSpace, costmap
+from planning.costmap_update import Window
+from planning.ends import PlanError
 from planning.errors import PlanningError, WorkerError
-from planning.plan import PlanError, PlanResult, PlanSettings, plan
+from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker, WorkerState
 
 QCAR = Vehicle()
+DOOR = Window(50, 80, 70, 81)
 PATIENT = PlanSettings(time_limit_s=60.0)
 
 
@@ -98,7 +101,8 @@ class Search(threading.Thread):
 def test_the_same_plans_as_in_this_process(worker, rooms):
     for seed in (3, 4):
         there = worker.plan(*ends(rooms), PlanSettings(), seed)
-        here = plan(rooms, *ends(rooms), QCAR, PlanSettings(), seed, clock=time.monotonic)
+        known = costmap(rooms, QCAR, UnknownSpace.forbidden)
+        here = plan(known, *ends(rooms), PlanSettings(), seed=seed, clock=time.monotonic)
         assert there.path is not None
         assert here.path is not None
         np.testing.assert_array_equal(there.path.poses, here.path.poses)
@@ -126,13 +130,13 @@ def test_a_window_that_changes_the_map_changes_the_plans(worker, rooms):
     shut = rooms.log_odds.copy()
     shut[50:70, 80] = 5.0
     assert worker.plan(*ends(rooms), PlanSettings(), 1).path is not None
-    worker.update_map(OccupancyGrid(shut, rooms.resolution_m, rooms.origin), (50, 70, 80, 81))
+    worker.update_map(OccupancyGrid(shut, rooms.resolution_m, rooms.origin), DOOR)
     assert worker.plan(*ends(rooms), PlanSettings(), 1).error is PlanError.no_valid_path
-    worker.update_map(rooms, (50, 70, 80, 81))
+    worker.update_map(rooms, DOOR)
     assert worker.plan(*ends(rooms), PlanSettings(), 1).path is not None
     smaller = OccupancyGrid(shut[1:], rooms.resolution_m, rooms.origin)
     with pytest.raises(PlanningError, match="set_map"):
-        worker.update_map(smaller, (0, 1, 0, 1))
+        worker.update_map(smaller, DOOR)
 
 
 def test_cancel_ends_the_search_of_another_thread_and_no_later_one(worker, slit, rooms):
@@ -140,8 +144,10 @@ def test_cancel_ends_the_search_of_another_thread_and_no_later_one(worker, slit,
     worker.set_map(slit, QCAR, UnknownSpace.forbidden)
     search = Search(worker)
     assert worker.state is WorkerState.busy
+    pid = worker.pid
     worker.cancel()
     assert search.finished().error is PlanError.cancelled
+    assert worker.pid == pid  # it answered itself: nothing had to be killed
     worker.set_map(rooms, QCAR, UnknownSpace.forbidden)
     assert worker.plan(*ends(rooms), PlanSettings(), 1).path is not None
 
@@ -214,7 +220,8 @@ PROGRAM = """
 import sys, time
 import numpy as np
 from mapping.grid import OccupancyGrid
-from planning.costmap import UnknownSpace
+from planning.costmap import UnknownSpace, costmap
+from planning.costmap_update import Window
 from planning.plan import PlanSettings
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker

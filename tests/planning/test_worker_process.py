@@ -9,7 +9,9 @@ import pytest
 
 from mapping import se2
 from planning.costmap import UnknownSpace
-from planning.plan import PlanError, PlanResult, PlanSettings
+from planning.costmap_update import Window
+from planning.ends import PlanError
+from planning.plan import PlanResult, PlanSettings
 from planning.vehicle import Vehicle
 from planning.worker_process import Answers, ChangedWindow, MapReady, NewMap, Order, Refusal
 
@@ -56,14 +58,14 @@ def test_what_nobody_has_foreseen_is_answered_with_its_traceback(answers, rooms)
 
 def test_a_window_changes_its_cells_only(answers, rooms):
     wall = np.full((118, 1), 5.0, np.float32)
-    assert isinstance(answers.to(ChangedWindow((1, 119, 35, 36), wall), wanted), MapReady)
+    assert isinstance(answers.to(ChangedWindow(Window(1, 35, 119, 36), wall), wanted), MapReady)
     blocked = answers.to(order(rooms), wanted)
     assert isinstance(blocked, PlanResult)
     assert blocked.error is PlanError.no_valid_path
 
 
 def test_a_map_that_cannot_be_taken_over_leaves_no_old_one(answers, rooms):
-    refusal = answers.to(ChangedWindow((0, 2, 0, 2), np.zeros((3, 3), np.float32)), wanted)
+    refusal = answers.to(ChangedWindow(Window(0, 0, 2, 2), np.zeros((3, 3), np.float32)), wanted)
     assert isinstance(refusal, Refusal)
     after = answers.to(order(rooms), wanted)
     assert isinstance(after, Refusal)

@@ -70,7 +70,7 @@ def test_plan_prints_the_promised_json_and_leaves_a_picture(cli, room, tmp_path)
     assert outcome.code == 0, outcome.err
     report = json.loads(outcome.out)
     assert set(report) == {
-        "solved", "error", "reason", "length_m", "seconds", "min_clearance_m",
+        "solved", "error", "reason", "length_m", "seconds", "first_path_s", "iterations", "ended_by", "min_clearance_m",
         "path", "direction", "speed_mps", "cusps", "advice",
     }  # fmt: skip
     assert (report["solved"], report["error"], report["advice"]) == (True, None, None)
@@ -182,6 +182,36 @@ def test_a_negated_map_is_planned_on_as_meant(planned, room, tmp_path):
     paths = [planned((1, 1, 0), (4, 1, 0), file=each)["path"] for each in (room, tmp_path / "negative.yaml")]
     assert paths[0]
     assert paths[0] == paths[1]
+
+
+def test_a_budget_is_a_time_or_with_a_seed_a_number_of_iterations(cli, room):
+    ends = ("--start", *in_map(1, 1, 0), "--goal", *in_map(4, 1, 0))
+    for options in (("--iterations", "10"), ("--seed", "1", "--budget", "1")):
+        outcome = cli("plan", room, *ends, *options)
+        assert (outcome.code, len(outcome.error_lines)) == (2, 1)
+        assert "--seed" in outcome.err
+
+
+def test_a_car_that_only_drives_forwards_changes_no_gear(planned):
+    behind = (2.0, 3.2, 0.0), (1.0, 3.2, 0.0)
+    assert -1 in planned(*behind, iterations=10)["direction"]
+    assert set(planned(*behind, forward_only=True, iterations=10)["direction"]) == {1}
+
+
+def test_a_goal_that_does_not_fit_may_be_moved_within_its_tolerance(planned):
+    at_the_wall = (1.0, 1.0, 0.0), (4.0, 0.12, 0.0)
+    assert planned(*at_the_wall)["error"] == "GOAL_OCCUPIED"
+    report = planned(*at_the_wall, goal_tolerance_m=0.3, iterations=10)
+    assert report["solved"]
+    end, wanted = np.array(report["path"][-1]), np.array([float(value) for value in in_map(*at_the_wall[1])])
+    assert 0.0 < np.hypot(*(end - wanted)[:2]) <= 0.3
+
+
+@pytest.mark.parametrize("planner", ["car", "rrt", "rrt_connect", "rrt_star", "informed_rrt_star", "bit_star"])
+def test_every_planner_on_offer_finds_its_way(planned, room, planner):
+    report = planned((1.0, 1.0, 0.0), (4.0, 1.0, 0.0), planner=planner, iterations=10)
+    assert report["solved"]
+    assert colliding_poses(read_map(room), np.array(report["path"]), Vehicle()) == 0
 
 
 @pytest.mark.parametrize("option", [("--time-limit", "inf"), ("--time-limit", "nan"), ("--margin", "nan")])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from mapping.grid import OccupancyGrid
+from planning.ends import PlanError
 from planning.path import path_along
-from planning.plan import PlanError, PlanResult
+from planning.plan import PlanResult
 from planning.vehicle import Vehicle
 from tools.plan_picture import draw_plan, plan_summary
 

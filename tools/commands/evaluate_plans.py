@@ -19,27 +19,26 @@ def plans(
     problems: Annotated[
         Path, typer.Argument(metavar="PROBLEMS.json", help="{map: [{start, goal, ref}]}, with <map>.yaml beside it.")
     ],
-    radius: TurningRadius = 0.55,
+    radius: TurningRadius = 0.576,
     time_limit: TimeLimit = 10.0,
     unknown_free: Annotated[bool, typer.Option("--unknown-free", help="Let paths cross unseen space.")] = False,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Plan every problem with RRT and with RRT-Connect; check each path a second time by another method.
+    """Plan every problem with three planners (car, RRT, RRT-Connect); check each path again by another method.
 
     Exit code 3: some problems are unsolved. Exit code 1: a path collides.
     """
     from planning.costmap import UnknownSpace
-    from planning.plan import PlanSettings
-    from planning.planner import Planner
+    from planning.plan import Planner, PlanSettings
     from planning.vehicle import Vehicle
     from tools.plan_problems import evaluate_plans
 
     unknown = UnknownSpace.free if unknown_free else UnknownSpace.forbidden
     reports = []
-    for planner in Planner:
-        settings = PlanSettings(planner, unknown, time_limit)
-        reports.append(evaluate_plans(problems, Vehicle(turning_radius_m=radius), settings, seed, log.info))
+    for planner in (Planner.car, Planner.rrt, Planner.rrt_connect):
+        settings = PlanSettings(planner, time_limit_s=time_limit)
+        reports.append(evaluate_plans(problems, Vehicle(turning_radius_m=radius), unknown, settings, seed, log.info))
     maps = [(report["planner"], name, row) for report in reports for name, row in report["maps"].items()]
     if as_json:
         print_json({"planners": reports})

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from tools.commands.options import ConfigFile, Json, finite, load_config, print_json
+from tools.errors import UsageError
 from tools.exit_codes import ExitCode
 
 if TYPE_CHECKING:
@@ -19,8 +20,12 @@ if TYPE_CHECKING:
 class PlannerName(str, Enum):
     """Planners on offer."""
 
-    rrt_connect = "rrt_connect"
+    car = "car"
     rrt = "rrt"
+    rrt_connect = "rrt_connect"
+    rrt_star = "rrt_star"
+    informed_rrt_star = "informed_rrt_star"
+    bit_star = "bit_star"
 
 
 class UnknownPolicy(str, Enum):
@@ -44,7 +49,10 @@ def plan(
     goal: Annotated[tuple[float, float, float], typer.Option(metavar="X Y YAW", help="Where it is to stand.")],
     planner: Annotated[
         PlannerName | None,
-        typer.Option(help="How to search: OMPL's trees from both ends, or from the start.  [default: rrt_connect]"),
+        typer.Option(
+            help="How to search. car: along the map's free ways, then shortened; the others are OMPL's alone, for"
+            " comparison.  [default: car]"
+        ),
     ] = None,
     radius: Annotated[
         float | None,
@@ -70,13 +78,44 @@ def plan(
             " better way, or like anywhere else.  [default: forbidden]"
         ),
     ] = None,
+    forward_only: Annotated[bool | None, typer.Option("--forward-only", help="Never drive backwards.")] = None,
+    goal_tolerance: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            metavar="M RAD",
+            help="The car may end so far from the goal and so much turned, where it does not fit.  [default: 0 0]",
+        ),
+    ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            min=0.0,
+            max=3600.0,
+            callback=finite,
+            help="Time for finding a path and making it shorter; without --seed.  [default: 0.3]",
+        ),
+    ] = None,
     time_limit: Annotated[
         float | None,
-        typer.Option(metavar="S", min=0.0, max=3600.0, callback=finite, help="Give up after so long.  [default: 10]"),
+        typer.Option(
+            metavar="S",
+            min=0.0,
+            max=3600.0,
+            callback=finite,
+            help="The longest that a path is looked for, come what may.  [default: 10]",
+        ),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(min=0, help="Repeatable: the same path each time, other seeds, other paths.  [default: none]"),
+        typer.Option(
+            min=0,
+            help="Any number, to get the same path each time: the budget is then a number of iterations, not a time."
+            "  [default: none]",
+        ),
+    ] = None,
+    iterations: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="The budget with --seed.  [default: 400]")
     ] = None,
     config_file: ConfigFile = None,
     output: Annotated[
@@ -99,11 +138,20 @@ def plan(
     from planning.worker import PlanningWorker
     from tools.path_planning import plan_on_map
 
+    if budget is not None and seed is not None:
+        raise UsageError("--budget: with --seed a plan is to be the same on every computer: give --iterations instead")
+    if iterations is not None and seed is None:
+        raise UsageError("--iterations: only with --seed; without it the budget is a time (--budget)")
     chosen = {
         "planner": planner and planner.value,
         "turning_radius_m": radius,
         "margin_m": margin,
         "unknown": unknown and unknown.value,
+        "forward_only": forward_only,
+        "goal_tolerance_m": goal_tolerance and goal_tolerance[0],
+        "goal_tolerance_rad": goal_tolerance and goal_tolerance[1],
+        "budget_s": budget,
+        "iterations": iterations,
         "time_limit_s": time_limit,
     }
     section = load_config(config_file).with_planning(chosen).planning
@@ -122,7 +170,10 @@ def _tell(report: Report) -> None:
     """Print the path in short, or on stderr why there is none and what would do."""
     if report["solved"]:
         clearance = report["min_clearance_m"]
-        typer.echo(f"solved: {report['length_m']:.2f} m, {len(report['path'])} poses, in {report['seconds']:.2f} s")
+        typer.echo(
+            f"solved: {report['length_m']:.2f} m, {len(report['path'])} poses, in {report['seconds']:.2f} s,"
+            f" the first path after {report['first_path_s']:.3f} s"
+        )
         typer.echo(f"  nearest wall  {'none' if clearance is None else f'{clearance:.3f} m'} from the car's body")
         typer.echo(f"  gear changes  {len(report['cusps'])}")
         return
