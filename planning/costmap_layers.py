@@ -16,7 +16,7 @@ from planning.vehicle import Vehicle
 LogOdds = NDArray[np.float32]
 Regions = NDArray[np.int32]
 
-_BEYOND_M = 1.0  # distances are kept up to so much more than the car's outer radius: a change is then a local matter
+_BEYOND_M = 0.5  # distances are kept up to so much more than the car's outer radius: a change is then a local matter
 _NEAR_M = 0.3  # a route pays for less room than this beside the rear axle's circle,
 _NEAR_COST = 1.0  # and so much per metre where there is none
 _OCCUPIED_LOG_ODDS = np.float32(math.log(OCCUPIED_THRESHOLD / (1.0 - OCCUPIED_THRESHOLD)))
@@ -46,14 +46,51 @@ def without_specks(mask: Mask, least: float) -> Mask:
     return np.asarray(large[labels])
 
 
+def without_specks_again(
+    mask: Mask, least: float, changed: Mask, before: Mask, goes_on: tuple[bool, bool, bool, bool]
+) -> Mask:
+    """Return `without_specks` of a part of a map that reaches at least `least` cells further than its changed cells.
+
+    before: the result before the change; goes_on: whether the map does at the part's left, top (first row), right and
+    bottom. A patch that is cut there is as before if none of its cells changed, and reaches from a changed cell to the
+    cut otherwise, which a speck cannot.
+    """
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=4)
+    left, top, width, height, area = stats.T
+    at_edge = (left == 0, top == 0, left + width == mask.shape[1], top + height == mask.shape[0])
+    cut = np.logical_or.reduce([edge & more for edge, more in zip(at_edge, goes_on, strict=True)])
+    large = area >= least
+    touched = np.zeros(len(stats), bool)
+    touched[labels[changed]] = True
+    large |= cut & touched
+    large[0] = False  # the background
+    result = np.asarray(large[labels])
+    kept = cut & ~touched
+    kept[0] = False
+    if kept.any():
+        same = kept[labels]
+        result[same] = before[same]
+    return result
+
+
 def distances_m(mask: Mask, cell_m: float, most_m: float) -> Distances:
     """Return the distance in m between the centres of a cell and of the nearest in the mask, at most most_m."""
     if not mask.any():
         return np.full(mask.shape, most_m, np.float32)
-    distances = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    distances *= np.float32(cell_m)
-    np.minimum(distances, np.float32(most_m), out=distances)
-    return np.asarray(distances, dtype=np.float32)
+    found = cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    distances = np.asarray(found, dtype=np.float32)
+    _to_metres(distances, cell_m, most_m)
+    return distances
+
+
+@numba.njit(cache=True)
+def _to_metres(cells: Distances, cell_m: float, most_m: float) -> None:
+    """Scale distances in place; OpenCV's roots may differ in their last bit from one size of map to another."""
+    rows, cols = cells.shape
+    for i in range(rows):
+        for j in range(cols):
+            squared = np.rint(cells[i, j] * cells[i, j])
+            cells[i, j] = min(np.sqrt(squared) * np.float32(cell_m), np.float32(most_m))
 
 
 def passable_from_m(vehicle: Vehicle, cell_m: float) -> float:

@@ -55,7 +55,7 @@ def _report(result: PlanResult, seconds: float) -> Report:
     path, clearance = result.path, result.min_clearance_m
     return {
         "solved": path is not None,
-        "error": result.error.value if result.error else None,
+        "error": result.error.nav2_name if result.error else None,
         "reason": result.reason,
         "length_m": round(path.length_m, 4) if path else None,
         "seconds": round(seconds, 4),

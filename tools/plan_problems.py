@@ -53,7 +53,7 @@ def evaluate_plans(
     for number, (name, start, goal, ref_m) in enumerate(cases):
         result, seconds = timed_plan(grids[name], start, goal, vehicle, settings, seed)
         row: Report = {"map": name, "problem": number, "solved": result.path is not None, "seconds": round(seconds, 4)}
-        row["error"] = result.error.value if result.error else None
+        row["error"] = result.error.nav2_name if result.error else None
         row["reason"] = result.reason
         if result.path is not None:
             row["length_over_ref"] = round(result.path.length_m / ref_m, 4)

@@ -10,8 +10,9 @@ import pytest
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from planning.costmap import UnknownSpace
+from planning.ends import PlanError
 from planning.errors import PlanningError
-from planning.plan import PlanError, PlanResult, PlanSettings, plan
+from planning.plan import PlanResult, PlanSettings, plan
 from planning.planner import Planner
 from planning.vehicle import Vehicle
 from tools.plan_problems import colliding_poses
@@ -85,7 +86,7 @@ def test_same_seed_same_path_other_seed_other_path(rooms):
         ((1.0, 1.0, 0.0), (2.0, 60.0, 0.0), PlanError.goal_outside_map, "outside the map"),
         ((4.02, 1.0, 0.0), (2.0, 2.0, 0.0), PlanError.start_occupied, "on an occupied cell"),
         ((1.0, 1.0, 0.0), (3.8, 1.0, 0.0), PlanError.goal_occupied, "occupied cell"),
-        ((1.0, 1.0, 0.0), (7.2, 5.2, 0.0), PlanError.goal_occupied, "unknown"),
+        ((1.0, 1.0, 0.0), (7.2, 5.2, 0.0), PlanError.goal_in_unknown_space, "unknown"),
     ],
 )
 def test_ends_that_cannot_be_are_named_with_a_way_out(rooms, start, goal, error, words):
