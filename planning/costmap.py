@@ -12,6 +12,7 @@ from mapping import se2
 from mapping.grid import OccupancyGrid
 from planning import costmap_layers as layers
 from planning.footprint import Distances, Mask, clearance_m, is_free, poses_are_free
+from planning.guide import Guide, make_guide
 from planning.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +44,8 @@ class Costmap:
 
     Distances in m are between the centres of cells, to the nearest occupied or blocked one, at most reach_m. The car's
     rear axle can never pass from one number of `region` to another; 0 where it cannot be at all, all numbers are below
-    `regions`. route_cost: what a metre of a route costs in metres, 1 in the open, inf where the rear axle cannot be.
+    `regions`. route_cost: what a metre of a route costs in metres, 1 in the open, inf where the rear axle cannot be;
+    guide has it on a coarser grid.
     """
 
     grid: OccupancyGrid
@@ -56,6 +58,7 @@ class Costmap:
     region: layers.Regions
     regions: int
     route_cost: NDArray[np.float32]
+    guide: Guide
 
     @property
     def reach_m(self) -> float:
@@ -129,4 +132,7 @@ def costmap(grid: OccupancyGrid, vehicle: Vehicle, unknown: UnknownSpace) -> Cos
     passable_m = layers.passable_from_m(vehicle, cell_m)
     regions, region = layers.connected(to_blocked_m >= passable_m)
     costs = layers.route_costs(to_blocked_m, unseen, passable_m, vehicle.inradius_m, unknown.route_cost)
-    return Costmap(grid, vehicle, unknown, occupied, blocked, to_occupied_m, to_blocked_m, region, regions, costs)
+    guide = make_guide(costs, to_blocked_m, cell_m, vehicle)
+    return Costmap(
+        grid, vehicle, unknown, occupied, blocked, to_occupied_m, to_blocked_m, region, regions, costs, guide
+    )

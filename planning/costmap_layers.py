@@ -51,11 +51,12 @@ def without_specks_again(
 ) -> Mask:
     """Return `without_specks` of a part of a map that reaches at least `least` cells further than its changed cells.
 
-    before: the result before the change; goes_on: whether the map goes on at the left, top, right and bottom. A patch that the part's edge cuts is as before if none of its cells changed,
-    and reaches from a changed cell to the edge otherwise, which a speck cannot.
+    before: the result before the change; goes_on: whether the map does at the part's left, top (first row), right and
+    bottom. A patch that is cut there is as before if none of its cells changed, and reaches from a changed cell to the
+    cut otherwise, which a speck cannot.
     """
     _, labels, stats, _ = cv2.connectedComponentsWithStats(mask.view(np.uint8), connectivity=4)
-    left, top, width, height, area = stats.T  # top: the first row
+    left, top, width, height, area = stats.T
     at_edge = (left == 0, top == 0, left + width == mask.shape[1], top + height == mask.shape[0])
     cut = np.logical_or.reduce([edge & more for edge, more in zip(at_edge, goes_on, strict=True)])
     large = area >= least

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numba
 import numpy as np
 
 from mapping.grid import OccupancyGrid
 from planning import costmap_layers as layers
 from planning.costmap import Costmap, UnknownSpace
 from planning.errors import PlanningError
+from planning.guide import refresh_guide
 from planning.footprint import Distances, Mask
 
 _AROUND_CELLS = 16  # looked at around a change for ways that lead past it
@@ -127,6 +129,8 @@ def _with_regions_and_costs(costmap: Costmap, grid: OccupancyGrid, affected: Win
     _, unseen = layers.occupied_and_unseen(grid.log_odds[affected.cells])
     costs = layers.route_costs(distances, unseen, passable_m, vehicle.inradius_m, costmap.unknown.route_cost)
     costmap.route_cost[affected.cells] = costs
+    window = (affected.top, affected.left, affected.bottom, affected.right)
+    refresh_guide(costmap.guide, costmap.route_cost, costmap.to_blocked_m, grid.resolution_m, vehicle, window)
     changed = _changed(affected, (costmap.region[affected.cells] > 0) != (distances >= passable_m))
     if changed is None:
         return replace(costmap, grid=grid)
@@ -145,22 +149,42 @@ def _relabelled(costmap: Costmap, passable: Mask, changed: Window, around: Windo
     passable is that of the cells around. What was joined there outside the change, and still is, is joined as before
     everywhere, however the ways lead.
     """
-    before = costmap.region[around.cells]
-    _, old = layers.connected(before > 0)
+    before = np.ascontiguousarray(costmap.region[around.cells])
+    patches, old = layers.connected(before > 0)
     count, new = layers.connected(passable)
-    kept = passable.copy()
-    kept[changed.within(around)] = False
-    if not (_is_function(old[kept], new[kept]) and _is_function(new[kept], before[kept])):
+    rows, cols = changed.within(around)
+    numbers = _numbers(before, old, new, (patches, count), (rows.start, rows.stop, cols.start, cols.stop))
+    if numbers[0] < 0:
         return None
-    numbers = np.zeros(count, np.int32)
-    numbers[new[kept]] = before[kept]
     fresh = np.flatnonzero(numbers[1:] == 0) + 1
     numbers[fresh] = costmap.regions + np.arange(len(fresh))
     return np.asarray(numbers[new])
 
 
-def _is_function(arguments: layers.Regions, values: layers.Regions) -> bool:
-    """Whether equal arguments always come with equal values."""
-    last = np.zeros(int(arguments.max(initial=0)) + 1, np.int32)
-    last[arguments] = values
-    return bool((last[arguments] == values).all())
+@numba.njit(cache=True)
+def _numbers(
+    before: layers.Regions,
+    old: layers.Regions,
+    new: layers.Regions,
+    counts: tuple[int, int],
+    changed: tuple[int, int, int, int],
+) -> layers.Regions:
+    """Return the region of each new patch that reaches out of the changed cells, 0 of the others.
+
+    The first is -1 if an old patch falls apart, or a new one joins two regions. old and new (rows, cols) number the
+    patches, so many as counts say; changed: first row, row after the last, first column, column after the last.
+    """
+    numbers, becomes = np.zeros(counts[1], np.int32), np.zeros(counts[0], np.int32)
+    top, bottom, left, right = changed
+    for i in range(before.shape[0]):
+        for j in range(before.shape[1]):
+            patch = new[i, j]
+            if patch == 0 or (top <= i < bottom and left <= j < right):
+                continue
+            if (becomes[old[i, j]] > 0 and becomes[old[i, j]] != patch) or (
+                numbers[patch] > 0 and numbers[patch] != before[i, j]
+            ):
+                numbers[0] = -1
+                return numbers
+            becomes[old[i, j]], numbers[patch] = patch, before[i, j]
+    return numbers

@@ -22,9 +22,9 @@ from planning.footprint import Distances, Mask, is_free
 FloatArray = NDArray[np.float64]
 
 _TURNS = 16  # headings tried at each place
-_AROUND = 24  # cells that are looked at first,
+_AROUND = 16  # cells that are looked at first,
 _BLOCK = 32  # before blocks of so many cells a side,
-_PLACES = 3000  # and there at most so many where the rear axle could be
+_PLACES = 2000  # and there at most so many where the rear axle could be
 _STEPS = 4  # a tolerance is searched in, to each side
 
 
@@ -252,17 +252,19 @@ def _block_distances_m(regions: Regions, region: int, cell_m: float, wanted: tup
     """Return the distance of each block, row by row, from a local place; inf for those without a cell of the region."""
     rows, cols = regions.shape
     across = (cols + _BLOCK - 1) // _BLOCK
+    low, high = np.int32(max(region, 1)), np.int32(region if region else 2**31 - 1)
     away_m = np.full((rows + _BLOCK - 1) // _BLOCK * across, np.inf)
     for i in range(rows):
         for column in range(across):
             block = i // _BLOCK * across + column
             if away_m[block] < np.inf:
                 continue
+            hits = 0  # counted to the end: without a way out the loop is compiled to vector instructions
             for j in range(column * _BLOCK, min(column * _BLOCK + _BLOCK, cols)):
-                if (regions[i, j] == region) if region else (regions[i, j] > 0):
-                    x, y = column * _BLOCK * cell_m, i // _BLOCK * _BLOCK * cell_m
-                    dx = max(x - wanted[0], wanted[0] - x - _BLOCK * cell_m, 0.0)
-                    dy = max(y - wanted[1], wanted[1] - y - _BLOCK * cell_m, 0.0)
-                    away_m[block] = math.hypot(dx, dy)
-                    break
+                hits += (regions[i, j] >= low) & (regions[i, j] <= high)
+            if hits > 0:
+                x, y = column * _BLOCK * cell_m, i // _BLOCK * _BLOCK * cell_m
+                dx = max(x - wanted[0], wanted[0] - x - _BLOCK * cell_m, 0.0)
+                dy = max(y - wanted[1], wanted[1] - y - _BLOCK * cell_m, 0.0)
+                away_m[block] = math.hypot(dx, dy)
     return away_m

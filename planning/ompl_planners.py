@@ -61,9 +61,10 @@ class EndedBy(str, Enum):
 class Found:
     """Local poses (N, 3) at most STEP_M of driving apart, each of them checked, and gears (N,) as `sample` gives them.
 
-    iterations counts how often the planner asked whether to stop.
+    states (M, 3) are where OMPL's edges meet. iterations counts how often the planner asked whether to stop.
     """
 
+    states: FloatArray
     poses: FloatArray
     gears: NDArray[np.int8]
     iterations: int
@@ -249,7 +250,7 @@ def _search(
     for states in paths:
         driven = _driven(car, states)
         if driven is not None:
-            return Found(*driven, stop.asked, stop.ended_by)
+            return Found(states, *driven, stop.asked, stop.ended_by)
     return None
 
 

@@ -1,0 +1,168 @@
+"""The guide of the car's planner: a route of grid cells that keeps its distance from walls where that costs little.
+
+A* (Hart, Nilsson, Raphael 1968) over 16 directions, of which the longest errs by 2.7 % in length, on the costmap's
+price per metre. It is a guide only: whether a car can follow it is decided by `joining`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from planning.footprint import Distances, Mask, is_free
+
+FloatArray = NDArray[np.float64]
+Prices = NDArray[np.float32]
+IntArray = NDArray[np.int64]
+
+# Row, column, length, and the two cells that a knight's or a diagonal step passes between.
+_STEPS = np.array(
+    [
+        [0, 1, 0, 1, 0, 1], [0, -1, 0, -1, 0, -1], [1, 0, 1, 0, 1, 0], [-1, 0, -1, 0, -1, 0],
+        [1, 1, 0, 1, 1, 0], [1, -1, 0, -1, 1, 0], [-1, 1, 0, 1, -1, 0], [-1, -1, 0, -1, -1, 0],
+        [1, 2, 0, 1, 1, 1], [1, -2, 0, -1, 1, -1], [-1, 2, 0, 1, -1, 1], [-1, -2, 0, -1, -1, -1],
+        [2, 1, 1, 0, 1, 1], [2, -1, 1, 0, 1, -1], [-2, 1, -1, 0, -1, 1], [-2, -1, -1, 0, -1, -1],
+    ],
+    dtype=np.int64,
+)  # fmt: skip
+_LENGTHS = np.hypot(_STEPS[:, 0], _STEPS[:, 1])
+_YAWS = np.arctan2(_STEPS[:, 0], _STEPS[:, 1]).astype(np.float64)
+_TIGHT = 10.0
+_SLOPE = math.sqrt(5.0) - 2.0
+
+
+@njit(cache=True)
+def find_route(
+    price: Prices,
+    room_m: Distances,
+    anchors: FloatArray,
+    narrow_m: float,
+    blocked: Mask,
+    distance_m: Distances,
+    cell_m: float,
+    corners: FloatArray,
+    start: tuple[int, int],
+    goal: tuple[int, int],
+    greed: float,
+) -> IntArray:
+    """Return the cells (N, 2) of a guide's route, row and column, both ends included; N is 0 where there is none.
+
+    price, room_m, anchors are those of the guide (see there), with narrow_m: where there is less room, going on in a
+    direction in which the car does not fit at the anchor is dear. The route costs at most greed times the least.
+    blocked, distance_m, cell_m and corners are those of `footprint`.
+    """
+    rows, cols = price.shape
+    cost = np.full(rows * cols, np.inf, dtype=np.float32)
+    came_by = np.full(rows * cols, -1, dtype=np.int8)
+    done = np.zeros(rows * cols, dtype=np.bool_)
+    keys, cells, count = np.empty(4096, dtype=np.float32), np.empty(4096, dtype=np.int32), 0
+    first, last = start[0] * cols + start[1], goal[0] * cols + goal[1]
+    cost[first] = 0.0
+    keys, cells, count = _push(keys, cells, count, greed * _bound(start[0], start[1], goal), first)
+    while count:
+        cell = cells[0]
+        count = _pop(keys, cells, count)
+        if cell == last:
+            return _backwards(came_by, first, last, cols)
+        row, col = cell // cols, cell % cols
+        if done[cell]:
+            continue
+        done[cell] = True
+        here = cost[cell]
+        for step in range(16):
+            to_row, to_col = row + _STEPS[step, 0], col + _STEPS[step, 1]
+            if not (0 <= to_row < rows and 0 <= to_col < cols):
+                continue
+            there = price[to_row, to_col]
+            if there == np.inf:
+                continue
+            passed = there
+            if step >= 4:
+                a = price[row + _STEPS[step, 2], col + _STEPS[step, 3]]
+                b = price[row + _STEPS[step, 4], col + _STEPS[step, 5]]
+                if a == np.inf or b == np.inf:
+                    continue
+                passed = 0.25 * (a + b) + 0.5 * there
+            if room_m[to_row, to_col] < narrow_m:
+                x, y, yaw = anchors[to_row, to_col, 0], anchors[to_row, to_col, 1], _YAWS[step]
+                if not is_free(blocked, distance_m, cell_m, x, y, yaw, corners) and not is_free(
+                    blocked, distance_m, cell_m, x, y, yaw + math.pi, corners
+                ):
+                    passed += _TIGHT
+            total = np.float32(here + _LENGTHS[step] * passed)
+            target = to_row * cols + to_col
+            if total < cost[target]:
+                cost[target] = total
+                came_by[target] = step
+                keys, cells, count = _push(keys, cells, count, total + greed * _bound(to_row, to_col, goal), target)
+    return np.empty((0, 2), dtype=np.int64)
+
+
+@njit(cache=True)
+def _bound(row: int, col: int, goal: tuple[int, int]) -> float:
+    """Return the length of the way over 16 directions in an empty grid, in cells."""
+    a, b = abs(row - goal[0]), abs(col - goal[1])
+    longer, shorter = max(a, b), min(a, b)
+    if 2 * shorter <= longer:
+        return longer + _SLOPE * shorter
+    return 1.4142135 * (2 * shorter - longer) + 2.2360680 * (longer - shorter)
+
+
+@njit(cache=True)
+def _backwards(came_by: NDArray[np.int8], first: int, last: int, cols: int) -> IntArray:
+    count, cell = 1, last
+    while cell != first:
+        step = came_by[cell]
+        cell -= _STEPS[step, 0] * cols + _STEPS[step, 1]
+        count += 1
+    route = np.empty((count, 2), dtype=np.int64)
+    cell = last
+    for place in range(count - 1, -1, -1):
+        route[place, 0], route[place, 1] = cell // cols, cell % cols
+        if place:
+            step = came_by[cell]
+            cell -= _STEPS[step, 0] * cols + _STEPS[step, 1]
+    return route
+
+
+@njit(cache=True)
+def _push(
+    keys: NDArray[np.float32], cells: NDArray[np.int32], count: int, key: float, cell: int
+) -> tuple[NDArray[np.float32], NDArray[np.int32], int]:
+    """Add to a binary heap; the arrays grow where they are full."""
+    if count == len(keys):
+        more_keys, more_cells = np.empty(2 * count, dtype=np.float32), np.empty(2 * count, dtype=np.int32)
+        more_keys[:count], more_cells[:count] = keys, cells
+        keys, cells = more_keys, more_cells
+    place = count
+    while place:
+        parent = (place - 1) >> 1
+        if keys[parent] <= key:
+            break
+        keys[place], cells[place] = keys[parent], cells[parent]
+        place = parent
+    keys[place], cells[place] = key, cell
+    return keys, cells, count + 1
+
+
+@njit(cache=True)
+def _pop(keys: NDArray[np.float32], cells: NDArray[np.int32], count: int) -> int:
+    """Take the first off a binary heap; return how many are left."""
+    count -= 1
+    key, cell = keys[count], cells[count]
+    place = 0
+    while True:
+        child = 2 * place + 1
+        if child >= count:
+            break
+        if child + 1 < count and keys[child + 1] < keys[child]:
+            child += 1
+        if keys[child] >= key:
+            break
+        keys[place], cells[place] = keys[child], cells[child]
+        place = child
+    keys[place], cells[place] = key, cell
+    return count
