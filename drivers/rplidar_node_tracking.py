@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 
 from drivers.messages import FloatArray
-from drivers.rplidar_capsules import IntArray, Packets
+from drivers.rplidar_capsules import IntArray
 
 NODE = 5  # bytes
 LOCK_FRAMES = 12  # a chain of them turns by 8 deg at the slowest: another field misread as an angle does not
@@ -43,7 +43,7 @@ def fresh_state() -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def find_nodes(stream: Packets, state: FloatArray, runs: IntArray) -> tuple[int, int]:
+def find_nodes(stream: bytes, state: FloatArray, runs: IntArray) -> tuple[int, int]:
     """Write runs of sound nodes (start, count) to runs (R, 2); return how many runs, and the bytes settled.
 
     What is decided at a byte depends on the state and on bytes after it, for which the search waits where they have
@@ -73,7 +73,7 @@ def find_nodes(stream: Packets, state: FloatArray, runs: IntArray) -> tuple[int,
 
 
 @njit(cache=True, nogil=True)
-def _stride(stream: Packets, at: int, state: FloatArray) -> int:
+def _stride(stream: bytes, at: int, state: FloatArray) -> int:
     """Follow nodes as long as each fits and the next one too; return the first that has not been followed."""
     if at + 2 * NODE > len(stream) or not (state[_VOUCHED] or _fits(stream, at, state, 1)):
         return at
@@ -92,7 +92,7 @@ def _stride(stream: Packets, at: int, state: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _judge(stream: Packets, at: int, state: FloatArray) -> int:
+def _judge(stream: bytes, at: int, state: FloatArray) -> int:
     """Judge the node expected here by itself and by the next; where one is unsound, two more say if bytes are lost.
 
     Unless it has to wait for bytes, the state goes on by this node.
@@ -122,7 +122,7 @@ def _judge(stream: Packets, at: int, state: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _resume(stream: Packets, lost_at: int, state: FloatArray) -> int:
+def _resume(stream: bytes, lost_at: int, state: FloatArray) -> int:
     """Lock on again behind the node at lost_at, near where the head must be, or go hunting; return where to go on.
 
     Leaves state[_DOUBTFUL] if the node at lost_at was sound: it is, where the damage lies in the next one.
@@ -145,7 +145,7 @@ def _resume(stream: Packets, lost_at: int, state: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _find_again(stream: Packets, lost_at: int, state: FloatArray) -> tuple[int, int]:
+def _find_again(stream: bytes, lost_at: int, state: FloatArray) -> tuple[int, int]:
     """Return how far behind the node at lost_at sound ones go on, 0 for nowhere near, and how many show that.
 
     Two suffice where one byte missing or too many in the node between would put them, if nothing better is near: the
@@ -164,7 +164,7 @@ def _find_again(stream: Packets, lost_at: int, state: FloatArray) -> tuple[int, 
 
 
 @njit(cache=True, nogil=True)
-def _goes_on(stream: Packets, lost_at: int, distance: int, state: FloatArray, frames: int) -> bool:
+def _goes_on(stream: bytes, lost_at: int, distance: int, state: FloatArray, frames: int) -> bool:
     """Are there so many sound nodes in a row, so far behind the one at lost_at, where the head must be by then?"""
     at, reading = lost_at + distance, _best(state)
     step, tolerance = state[_STEP + reading], _tolerance(state, reading)
@@ -191,7 +191,7 @@ def _is_whole(distance: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _is_chain(stream: Packets, start: int) -> bool:
+def _is_chain(stream: bytes, start: int) -> bool:
     """Is this the start of LOCK_FRAMES sound nodes that turn by small steps and advance as a whole?"""
     for frame in range(LOCK_FRAMES):
         at = start + frame * NODE
@@ -204,7 +204,7 @@ def _is_chain(stream: Packets, start: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _lock_on(stream: Packets, at: int, state: FloatArray) -> int:
+def _lock_on(stream: bytes, at: int, state: FloatArray) -> int:
     """Lock on to the first chain from `at` on; return where to go on, with what state[_DOING] says."""
     fresh = state[_DOING] == FRESH
     while at + LOCK_FRAMES * NODE <= len(stream):
@@ -222,7 +222,7 @@ def _lock_on(stream: Packets, at: int, state: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _learn(stream: Packets, start: int, state: FloatArray) -> None:
+def _learn(stream: bytes, start: int, state: FloatArray) -> None:
     """Take head, step and error of every reading from a chain; the head is the first node's."""
     for reading in range(_READINGS):
         turned = np.zeros(LOCK_FRAMES)
@@ -245,7 +245,7 @@ def _step_back(state: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _set_head(stream: Packets, at: int, state: FloatArray, frames: int) -> None:
+def _set_head(stream: bytes, at: int, state: FloatArray, frames: int) -> None:
     """Put the head of every reading to where so many nodes found again have it."""
     for reading in range(_READINGS):
         head, off = _head(stream, at, reading), 0.0
@@ -267,7 +267,7 @@ def _follow(angle: float, offset: float, state: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _pass_over(stream: Packets, at: int, state: FloatArray) -> None:
+def _pass_over(stream: bytes, at: int, state: FloatArray) -> None:
     """Let the head turn past a damaged node. One that is well but for its angle may show that tolerances are small."""
     sound = _is_sound(stream, at)
     for reading in range(_READINGS):
@@ -278,7 +278,7 @@ def _pass_over(stream: Packets, at: int, state: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _fits(stream: Packets, at: int, state: FloatArray, ahead: int) -> bool:
+def _fits(stream: bytes, at: int, state: FloatArray, ahead: int) -> bool:
     if not _is_sound(stream, at):
         return False
     reading = _best(state)
@@ -302,12 +302,12 @@ def _tolerance(state: FloatArray, reading: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _residual(stream: Packets, at: int, state: FloatArray, reading: int, ahead: float) -> float:
+def _residual(stream: bytes, at: int, state: FloatArray, reading: int, ahead: float) -> float:
     return _turned(_head(stream, at, reading) - state[_HEAD + reading] - ahead * state[_STEP + reading])
 
 
 @njit(cache=True, nogil=True)
-def _is_sound(stream: Packets, at: int) -> bool:
+def _is_sound(stream: bytes, at: int) -> bool:
     """Are the check bits right, the angle below a turn, and a turn's flag only raised near 0 deg?"""
     first = stream[at]
     angle = _angle(stream, at)
@@ -317,7 +317,7 @@ def _is_sound(stream: Packets, at: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _head(stream: Packets, at: int, reading: int) -> float:
+def _head(stream: bytes, at: int, reading: int) -> float:
     return _read(_angle(stream, at), _offset(stream, at), reading)
 
 
@@ -332,7 +332,7 @@ def _read(angle: float, offset: float, reading: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _offset(stream: Packets, at: int) -> float:
+def _offset(stream: bytes, at: int) -> float:
     """Return what triangulation subtracts at the node's distance, as in ultra capsules; below 0 where there is none."""
     distance_q2 = np.int64(stream[at + 3]) | np.int64(stream[at + 4]) << 8
     if distance_q2 < 200:
@@ -343,7 +343,7 @@ def _offset(stream: Packets, at: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _angle(stream: Packets, at: int) -> float:
+def _angle(stream: bytes, at: int) -> float:
     return float((np.int64(stream[at + 1]) >> 1) | (np.int64(stream[at + 2]) << 7))
 
 
