@@ -59,6 +59,7 @@ class RplidarDecoder:
         self._packet_s = self._per_packet * stream.sample_us * 1e-6
         self._limit_q6 = round(self._packet_s * _FASTEST_TURN_HZ * FULL_TURN_Q6)
         self._byte_s = BITS_PER_BYTE / stream.baud
+        self._slow_line = self._size * self._byte_s > self._packet_s
         self._latency_s = packet_latency_s(stream.sample_us * 1e-6, self._size, stream.baud)
         self._clock = SampleClock(stream.sample_us * 1e-6)
         self._stream = stream
@@ -140,7 +141,7 @@ class RplidarDecoder:
 
         They come evenly, so one says all: the last, or on a line that is slower than the sensor the first.
         """
-        place = stop - 1 if self._size * self._byte_s <= self._packet_s else start
+        place = start if self._slow_line else stop - 1
         behind = len(self._pending) - run.start - (place + 1) * self._size
         self._clock.observe((first + place + 1) * self._per_packet - 1, end_s - behind * self._byte_s)
 
