@@ -68,8 +68,8 @@ class NodeTurns:
         return pieces
 
     def _cross_gap(self, before_q6: int, after_q6: int) -> list[NodePiece]:
-        """End the turn if the head passed zero in the gap."""
-        if self._may_pass and 0 <= after_q6 < _FAR_Q6:
+        """End the turn if the head passed zero in the gap: not where it is just behind it on both sides."""
+        if self._may_pass and 0 <= after_q6 < _FAR_Q6 and not 0 <= before_q6 <= after_q6:
             self._may_pass = False
             return [NodePiece(self.held, ends_turn=True, guessed=True)]
         self._may_pass |= _TO_Q6 <= before_q6 < _FAR_Q6 and after_q6 < 0

@@ -54,6 +54,12 @@ def test_a_gap_over_zero_ends_the_turn_once() -> None:
     assert lengths(turns.gap()) == [(30, False, False)]
 
 
+def test_a_gap_behind_zero_at_the_start_of_a_stream_ends_no_turn() -> None:
+    turns = NodeTurns()
+    assert lengths(turns.take(turning(18, 25, ())) + turns.gap()) == [(25, False, False)]
+    assert turns.take(turning(72, 30, ())) == []
+
+
 def test_a_gap_beside_the_flag_makes_no_second_turn() -> None:
     turns = NodeTurns()
     before = turns.take(turning(260, 51, (49,))) + turns.gap()
