@@ -129,10 +129,10 @@ class RplidarDecoder:
         """Decode a run of sound packets; end_s: a sample whose packet the chunk ends with was taken not later."""
         scans = self._bridge_damage(turns) if self._skipped else []
         first = self._next_packet
-        self._next_packet += run.count
-        self._counts["packets"] += run.count
+        self._next_packet += run.length
+        self._counts["packets"] += run.length
         if self._kind == Answer.NODES:
-            self._observe(run, first, 0, run.count, end_s)
+            self._observe(run, first, 0, run.length, end_s)
             return scans + self._add_nodes(self._node_turns.take(run.data), turns)
         return scans + self._take_capsules(run, first, end_s, turns)
 
@@ -187,7 +187,7 @@ class RplidarDecoder:
         """Settle capsules up to the last, whose samples depend on the next; decode them once a turn is over."""
         held = len(self._held) // self._size
         stack = self._held + run.data
-        last = held + run.count - 1
+        last = held + run.length - 1
         first_held = first - held
         settled = max(held - 1, 0)  # steps known from before
         verdicts = np.zeros(last - settled, dtype=np.int64)
@@ -197,7 +197,7 @@ class RplidarDecoder:
         cuts = np.flatnonzero(verdicts).tolist() if unsound else []
         waits = (last + 1) * self._packet_s <= _LONGEST_WAIT_S
         if not (cuts or passes_zero or turns.after_gap) and waits:
-            self._observe(run, first, 0, run.count, end_s)
+            self._observe(run, first, 0, run.length, end_s)
             self._held = stack
             return []
         scans: list[LaserScan] = []

@@ -20,7 +20,7 @@ class PacketRun(NamedTuple):
     """Consecutive sound packets: the byte where they begin, how many, and their bytes. A tuple: one a read at least."""
 
     start: int
-    count: int
+    length: int
     data: bytes
 
     @property
@@ -30,8 +30,8 @@ class PacketRun(NamedTuple):
 
     @property
     def packets(self) -> Packets:
-        """The packets as (count, size)."""
-        return as_packets(self.data, len(self.data) // self.count)
+        """The packets as (length, size)."""
+        return as_packets(self.data, len(self.data) // self.length)
 
 
 class Framing(NamedTuple):
