@@ -10,7 +10,7 @@ from pathlib import Path
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from drivers.errors import RecordingError
+from drivers.errors import RecordingError, yaml_fault
 from drivers.messages import Pinhole
 
 _ADVICE = "expected a camera_info YAML: image_width, image_height, camera_matrix with 9 numbers in data"
@@ -31,7 +31,7 @@ def read_camera_info(path: Path) -> CameraInfo:
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read ({error.strerror or error}): name a camera_info YAML") from error
     except (YAMLError, ValueError) as error:
-        raise RecordingError(f"{path}: not a YAML file ({' '.join(str(error).split())}): {_ADVICE}") from error
+        raise RecordingError(f"{path}: not a YAML file ({yaml_fault(error)}): {_ADVICE}") from error
     if not isinstance(content, Mapping):
         raise RecordingError(f"{path}: holds no keys: {_ADVICE}")
     width, height = (_number(content, (f"image_{name}", name), path) for name in ("width", "height"))

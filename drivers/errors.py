@@ -47,3 +47,13 @@ class DeviceLostError(DriverError):
 
 class RecordingError(Exception):
     """A file is not a recording that can be read, or holds nothing of use; the command line exits with 1."""
+
+
+def yaml_fault(error: Exception) -> str:
+    """Return in a few words what is wrong with a YAML file, and where; error: a YAMLError or a ValueError."""
+    if isinstance(error, UnicodeDecodeError):
+        return "it is no text"
+    problem, mark = getattr(error, "problem", None), getattr(error, "problem_mark", None)
+    if problem is None or mark is None:
+        return " ".join(str(error).split())
+    return f"line {mark.line + 1}: {' '.join(problem.split())}"

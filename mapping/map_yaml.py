@@ -13,6 +13,7 @@ from typing import Any
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
+from drivers.errors import yaml_fault
 from mapping.errors import MapFileError
 from mapping.grid import FREE_THRESHOLD, OCCUPIED_THRESHOLD
 
@@ -95,16 +96,6 @@ def _load(path: Path) -> dict[Any, Any]:
         found = "nothing" if content is None else type(content).__name__
         raise MapFileError(f"{path}: holds {found}, expected 'key: value' lines: image, resolution, origin")
     return content
-
-
-def yaml_fault(error: YAMLError | ValueError) -> str:
-    """Return in a few words what is wrong with a YAML file, and where."""
-    if isinstance(error, UnicodeDecodeError):
-        return "it is no text"
-    problem, mark = getattr(error, "problem", None), getattr(error, "problem_mark", None)
-    if problem is None or mark is None:
-        return " ".join(str(error).split())
-    return f"line {mark.line + 1}: {' '.join(problem.split())}"
 
 
 def _origin(value: object, path: Path) -> tuple[float, float, float]:

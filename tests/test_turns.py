@@ -1,4 +1,4 @@
-"""Among several processes, a live test runs alone."""
+"""Among several processes, a live test runs alone, unless a core is enough for it."""
 
 from __future__ import annotations
 
@@ -29,6 +29,12 @@ def test_live(number):
     note("begin live")
     time.sleep(0.05)
     note("end live")
+
+@pytest.mark.live(cores=1)
+def test_with_a_core_of_its_own():
+    note("begin shared")
+    time.sleep(0.05)
+    note("end shared")
 """
 
 
@@ -48,7 +54,7 @@ def test_nothing_runs_beside_a_live_test(tmp_path, project_root):
         timeout=120,
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    assert "18 passed" in ended.stdout
+    assert "20 passed" in ended.stdout
     running: list[str] = []
     for line in sorted((tmp_path / "notes").read_text().splitlines()):
         _, what, kind = line.split()

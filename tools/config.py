@@ -15,13 +15,13 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 from typing_extensions import Self
 
+from drivers.errors import yaml_fault
 from mapping.depth_projection import CameraMount
 from mapping.depth_sensor_model import DepthModel
 from mapping.depth_views import ViewSettings
 from mapping.front_end import KeyframeSettings
 from mapping.graph_slam import GraphSettings
 from mapping.hidden_sectors import HiddenSector
-from mapping.map_yaml import yaml_fault
 from mapping.mount import Mount
 from mapping.odometry import OdometrySettings
 from mapping.sensor_models import LidarModel

@@ -28,8 +28,8 @@ ENOUGH_SCANS = 15
 @pytest.fixture(
     scope="module",
     params=[
-        pytest.param("emulated A2M8", marks=pytest.mark.live),
-        pytest.param("emulated A2M12", marks=pytest.mark.live),
+        pytest.param("emulated A2M8", marks=pytest.mark.live(cores=1)),
+        pytest.param("emulated A2M12", marks=pytest.mark.live(cores=1)),
         "recorded A2M8",
         "recorded A2M12",
         pytest.param("real", marks=[pytest.mark.hardware, pytest.mark.live]),

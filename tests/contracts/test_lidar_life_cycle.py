@@ -32,7 +32,7 @@ from drivers.serial_link import SerialLink, open_serial
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals are served on Linux only"),
-    pytest.mark.live,
+    pytest.mark.live(cores=1),
 ]
 
 CRASHING = """
@@ -56,6 +56,7 @@ def serve(script: str = "", link: Path | None = None) -> tuple[RplidarEmulator, 
     return device, PtyPort(FaultyLine(device, faults, A2M8.baud), A2M8.baud, link=link)
 
 
+@pytest.mark.live
 def test_unplugging_is_noticed_within_a_fifth_of_a_second() -> None:
     _, port = serve()
     with port, open_rplidar(port.name) as lidar, ScanReader(lidar) as reader:
@@ -67,6 +68,7 @@ def test_unplugging_is_noticed_within_a_fifth_of_a_second() -> None:
         assert time.monotonic() - pulled < 0.2
 
 
+@pytest.mark.live
 @pytest.mark.parametrize(("script", "error"), [("silence@1", DeviceLostError), ("motor-stall@1", MotorStalledError)])
 def test_silence_is_noticed_within_a_second(script: str, error: type[Exception]) -> None:
     _, port = serve(script)

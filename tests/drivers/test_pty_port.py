@@ -23,7 +23,7 @@ from drivers.rplidar_protocol import Command, express_request, request
 
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="pseudo-terminals are served on Linux only"),
-    pytest.mark.live,
+    pytest.mark.live(cores=1),
 ]
 
 

@@ -18,6 +18,7 @@ import pytest
 from mapping.raycast import cast_rays
 from tools.cli import main
 from tools.log_windows import PosedScans
+from tools.simulated_drive import record_round_trip
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,14 @@ def _finish(process: subprocess.Popen[str]) -> None:
     if process.poll() is None:
         process.kill()
     process.communicate()
+
+
+@pytest.fixture(scope="session")
+def round_trip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of 40 turns of a simulated A2 in the office, only to be read."""
+    path = tmp_path_factory.mktemp("round_trip") / "drive.mcap"
+    record_round_trip(path, 40)
+    return path
 
 
 @pytest.fixture(scope="session")

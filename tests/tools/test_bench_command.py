@@ -7,26 +7,18 @@ import json
 import pytest
 
 from tools.depth_bench import projections
-from tools.simulated_drive import record_round_trip
 
 
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory):
-    path = tmp_path_factory.mktemp("bench") / "drive.mcap"
-    record_round_trip(path, 40)
-    return path
-
-
-def test_a_recording_alone_is_measured_by_the_pipeline_bench(drive, cli):
-    short, long = cli("bench", drive, "--json"), cli("bench", "pipeline", drive, "--json")
+def test_a_recording_alone_is_measured_by_the_pipeline_bench(round_trip, cli):
+    short, long = cli("bench", round_trip, "--json"), cli("bench", "pipeline", round_trip, "--json")
     assert short.code == long.code == 0
     assert json.loads(short.out).keys() == json.loads(long.out).keys()
-    assert json.loads(cli("bench", "--json", drive).out)["scans"] == 40
+    assert json.loads(cli("bench", "--json", round_trip).out)["scans"] == 40
 
 
 @pytest.mark.live
-def test_slam_is_measured_beside_peers_and_at_the_real_pace(drive, cli):
-    ended = cli("bench", "slam", drive, "--live", "2", "--json")
+def test_slam_is_measured_beside_peers_and_at_the_real_pace(round_trip, cli):
+    ended = cli("bench", "slam", round_trip, "--live", "2", "--json")
     assert ended.code == 0, ended.err
     (report,) = json.loads(ended.out)["logs"]
     assert report["slam"]["simulated"] is True

@@ -10,7 +10,7 @@ from tools.config import parse
 CONFIG = parse({"depth": {"width": 424, "height": 240, "fps": 15}}, "test")
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_what_is_found_of_an_emulated_camera():
     check = check_camera("emulated:office", CONFIG, 8)
     assert check.simulated
@@ -38,7 +38,7 @@ def test_a_system_without_cameras_is_one_clear_line(tmp_path):
         check_camera("auto", CONFIG, 1, sysfs=tmp_path)
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_doctor_tells_it(cli):
     outcome = cli("doctor", "--camera", "--depth", "emulated:office", "--capture", "2")
     assert outcome.code in {0, 3}
@@ -47,5 +47,14 @@ def test_doctor_tells_it(cli):
 
 
 def test_doctor_alone_looks_at_all_it_can(cli):
-    outcome = cli("doctor", "--depth", "emulated:office", "--capture", "2")
-    assert outcome.out.splitlines()[0] == cli("doctor", "--camera", "--depth", "emulated:office").out.splitlines()[0]
+    outcome = cli("doctor", "--depth", "emulated:office", "--capture", "1")
+    asked = cli("doctor", "--camera", "--depth", "emulated:office", "--capture", "1")
+    assert outcome.out.splitlines()[0] == asked.out.splitlines()[0]
+
+
+def test_doctor_alone_says_how_the_lidar_is_checked_even_where_there_is_no_camera(cli):
+    for options in (["--depth", "emulated:nowhere"], ["--depth", "emulated:office", "--capture", "0", "--json"]):
+        outcome = cli("doctor", *options)
+        assert [line for line in outcome.err.splitlines() if "--lidar PORT" in line], options
+        assert "--lidar" not in outcome.out
+    assert "--lidar" not in cli("doctor", "--camera", "--depth", "emulated:nowhere").err

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 
 import cv2
 import pytest
@@ -59,29 +57,25 @@ def test_counts_and_table():
     assert "1 of 2 wrong pairs accepted" in lines[-1]
 
 
-def command(project_root, *options):
-    program = [sys.executable, "-m", "tools.cli", "-q", "evaluate", "camera", *options]
-    return subprocess.run(program, cwd=project_root, capture_output=True, text=True, check=False)
-
-
 @pytest.mark.parametrize("options", [("--seeds", "3-1"), ("--seeds", "a"), ("--size", "848"), ("--size", "8x8")])
-def test_options_that_make_no_sense_are_refused_in_one_line(options, project_root, tmp_path):
-    result = command(project_root, "-o", str(tmp_path / "out"), *options)
-    assert (result.returncode, result.stdout) == (2, "")
-    assert len(result.stderr.splitlines()) == 1
-    assert options[0] in result.stderr
+def test_options_that_make_no_sense_are_refused_in_one_line(options, cli, tmp_path):
+    result = cli("-q", "evaluate", "camera", "-o", tmp_path / "out", *options)
+    assert (result.code, result.out) == (2, "")
+    assert len(result.err.splitlines()) == 1
+    assert options[0] in result.err
     assert not (tmp_path / "out").exists()
 
 
-def test_one_building_is_mapped_and_fused_and_what_fuse_needs_is_there(project_root, tmp_path):
-    result = command(project_root, "-o", str(tmp_path), "--seeds", "2", "--jobs", "1", "--json")
-    report = json.loads(result.stdout)
+def test_one_building_is_mapped_and_fused_and_what_fuse_needs_is_there(cli, tmp_path):
+    little = ("--size", "424x240", "--fps", "3")  # a quarter of the pixels, half of the images
+    result = cli("-q", "evaluate", "camera", "-o", tmp_path, "--seeds", "2", "--jobs", "1", *little, "--json")
+    report = json.loads(result.out)
     (row,) = report["rows"]
     assert report["simulated"] is True
     assert (report["true_pairs"], report["wrong_pairs"]) == (1, 0)
     assert row["accepted"]
     assert row["drives_rms_m"] < 0.1
-    assert result.returncode == (0 if row["outcome"] == "fused" else 1)
+    assert result.code == (0 if row["outcome"] == "fused" else 1)
     assert json.loads((tmp_path / "report.json").read_text()) == report
     for name in ("map.yaml", "map.pgm", "map.npz", "trajectory.tum", "report.json"):
         assert (tmp_path / "seed_2" / "camera" / name).is_file()

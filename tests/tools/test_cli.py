@@ -17,6 +17,8 @@ import pytest
 from drivers.messages import LaserScan
 from drivers.pty_port import PtyPort
 from drivers.recording_writer import McapRecorder
+from drivers.rplidar_emulator import RplidarEmulator
+from drivers.rplidar_models import A2M8, A2M12, EmulatedModel
 from mapping.map_io import read_map
 from mapping.metrics import absolute_trajectory_error
 from mapping.trajectory import read_tum
@@ -39,6 +41,15 @@ class NoisyDevice(SilentDevice):
 
     def due(self, now_ns):
         return bytes([0x13, 0x37, 0x00, 0xFF])
+
+
+def standing_lidar(model: EmulatedModel) -> PtyPort:
+    """A port with an emulated lidar, served by this process, that measures 3 m all around."""
+
+    def ranger(times_ns, theta_rad):
+        return np.full(theta_rad.shape, 3.0)
+
+    return PtyPort(RplidarEmulator(model, ranger, startup_s=0.1), model.baud)
 
 
 def mapped_scans(folder: Path) -> int:
@@ -158,12 +169,11 @@ def test_silent_port_is_one_line_and_exit_code_4(cli, tmp_path):
     assert "115200" in outcome.error_lines[0]
 
 
-def test_wrong_baud_in_the_configuration_is_one_line_and_exit_code_4(spawn, cli, tmp_path):
-    emulator = spawn("emulate", "lidar", "--model", "A2M12", "--pose", "1.6", "3.6", "0", "--json")
-    port = str(emulator.event("ready")["address"])
+def test_wrong_baud_in_the_configuration_is_one_line_and_exit_code_4(cli, tmp_path):
     config = tmp_path / "config.yaml"
     config.write_text("lidar: {baud: 115200}\n")
-    outcome = cli("run", "--lidar", port, "--config", config, "-o", tmp_path / "out")
+    with standing_lidar(A2M12) as port:
+        outcome = cli("run", "--lidar", port.name, "--config", config, "-o", tmp_path / "out")
     assert (outcome.code, len(outcome.error_lines)) == (4, 1)
     assert "115200" in outcome.error_lines[0]
 
@@ -288,7 +298,7 @@ def test_version_is_printed(cli):
 def test_recording_cut_at_a_random_byte_is_mapped_as_far_as_it_goes(seed, options, cli, tmp_path, project_root):
     whole = (project_root / "recordings/simulated_office_a2m12.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
-    cut.write_bytes(whole[: np.random.default_rng(seed).integers(len(whole) // 5, len(whole) - 1)])
+    cut.write_bytes(whole[: np.random.default_rng(seed).integers(len(whole) // 5, len(whole) // 2)])
     outcome = cli("replay", cut, "-o", tmp_path / "out", *options)
     assert outcome.code == 3, outcome.err
     assert "damaged recording" in outcome.err
@@ -313,34 +323,33 @@ def test_recovery_never_overwrites(cli, tmp_path, project_root):
     assert (tmp_path / "kept.mcap").read_text() == "years of work"
 
 
-def test_bench_measures_beside_the_lidars_own_pace(cli, project_root):
-    recording = project_root / "recordings/simulated_office_a2m12.mcap"
-    report = json.loads(cli("bench", recording, "--json").out)
+def test_bench_measures_beside_the_lidars_own_pace(cli, round_trip):
+    report = json.loads(cli("bench", round_trip, "--json").out)
     assert report["simulated"] is True
     assert report["turn_ms"] == pytest.approx(100.0, rel=0.02)
     assert [stage["stage"] for stage in report["stages"]] == ["decode", "map"]
     assert all(0 < stage["median_ms"] <= stage["p95_ms"] <= stage["max_ms"] for stage in report["stages"])
-    assert "SIMULATED" in cli("bench", recording).out.upper()
+    assert "SIMULATED" in cli("bench", round_trip).out.upper()
 
 
 @pytest.mark.parametrize("command", ["run", "replay"])
-def test_folder_that_cannot_be_written_is_one_line_and_exit_code_1(command, spawn, cli, tmp_path, project_root):
+def test_folder_that_cannot_be_written_is_one_line_and_exit_code_1(command, cli, tmp_path, project_root):
     file = tmp_path / "file"
     file.write_text("years of work")
     if command == "replay":
         outcome = cli("replay", project_root / "recordings/simulated_office_a2m12.mcap", "-o", file)
     else:
-        port = str(spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json").event("ready")["address"])
-        outcome = cli("run", "--lidar", port, "-o", file)
+        with standing_lidar(A2M8) as port:
+            outcome = cli("run", "--lidar", port.name, "-o", file)
     assert (outcome.code, len(outcome.error_lines)) == (1, 1)
     assert str(file) in outcome.error_lines[0]
     assert file.read_text() == "years of work"
 
 
-def test_recording_is_never_overwritten_by_a_second_run(spawn, cli, tmp_path):
+def test_recording_is_never_overwritten_by_a_second_run(cli, tmp_path):
     (tmp_path / "recording.mcap").write_text("years of work")
-    port = str(spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json").event("ready")["address"])
-    outcome = cli("run", "--lidar", port, "-o", tmp_path)
+    with standing_lidar(A2M8) as port:
+        outcome = cli("run", "--lidar", port.name, "-o", tmp_path)
     assert (outcome.code, len(outcome.error_lines)) == (1, 1)
     assert (tmp_path / "recording.mcap").read_text() == "years of work"
 

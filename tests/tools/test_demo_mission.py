@@ -35,7 +35,7 @@ WHOLE = {
 def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     folder = tmp_path / "demo"
     demo = spawn("demo", "-o", folder)
-    out, err = demo.process.communicate(timeout=300)
+    out, err = demo.process.communicate(timeout=600)
     assert demo.process.returncode == 0, err
     result = json.loads((folder / "demo.json").read_text())
     assert result["simulated"] is True

@@ -119,7 +119,7 @@ def live():
     ranger = simulated_lidar("office", Drive.tour("office"), noise=True, seed=3)
     emulator = RplidarEmulator(A2M8, ranger, startup_s=-0.2)
     with PtyPort(emulator, A2M8.baud) as port:
-        threading.Timer(4.0, stop.set).start()
+        threading.Timer(2.5, stop.set).start()
         return run_session(port.name, config, lambda: folder, stop, record=True, camera_port=camera)
 
 folder.mkdir()
@@ -132,7 +132,7 @@ print(len(asked))
 """
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 @pytest.mark.parametrize(("camera", "is_asked_for"), [("", False), ("emulated:office", True)])
 def test_open3d_is_imported_only_where_there_is_depth(camera, is_asked_for, tmp_path):
     command = [sys.executable, "-c", LOOKS_FOR_OPEN3D, camera, str(tmp_path / "run")]

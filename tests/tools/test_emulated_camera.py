@@ -49,7 +49,7 @@ def test_a_car_of_its_own_sets_out_a_second_after_the_first_image():
     assert np.array_equal(view(10**12 + 15 * 10**8), simulated.frame(5 * 10**8, 1).depth)
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_the_unmodified_driver_reads_it():
     emulator = emulated_camera("emulated:office", SIZE, MOUNT)
     with open_depth_camera(emulator.path, MODE, calls=emulator) as camera:

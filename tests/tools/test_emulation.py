@@ -70,7 +70,7 @@ def test_older_firmware_has_fewer_modes():
     assert with_firmware(A2M8, None) is A2M8
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_a_sensor_is_unplugged_and_plugged_in_by_script(tmp_path, capsys):
     link, stop, drive = tmp_path / "lidar", threading.Event(), Drive.standing((1.6, 3.6, 0.0))
     ranger = simulated_lidar("office", drive, noise=False, seed=0)

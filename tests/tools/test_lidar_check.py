@@ -15,7 +15,7 @@ from drivers.serial_link import open_serial
 from tools.config import parse
 from tools.lidar_check import LidarCheck, State, check_lidar
 
-pytestmark = pytest.mark.live
+pytestmark = pytest.mark.live(cores=1)
 
 
 def wall(times_ns: np.ndarray, theta_rad: np.ndarray) -> np.ndarray:

@@ -15,20 +15,11 @@ from drivers.ros_codec import encode
 from mapping.frames import planar_transform
 from tools.live_bench import PacedSource, bench_live
 from tools.pipeline import LidarDecoding
-from tools.simulated_drive import record_round_trip
 
 
-@pytest.fixture(scope="module")
-def drive(tmp_path_factory):
-    """40 turns of a simulated A2."""
-    path = tmp_path_factory.mktemp("live") / "drive.mcap"
-    record_round_trip(path, 40)
-    return path
-
-
-@pytest.mark.live
-def test_a_live_run_maps_every_scan_and_times_each(drive):
-    live = bench_live(drive, None, 2.5)
+@pytest.mark.live(cores=1)
+def test_a_live_run_maps_every_scan_and_times_each(round_trip):
+    live = bench_live(round_trip, None, 2.5)
     assert live.simulated
     assert live.dropped == 0
     assert 15 <= live.mapped <= 26
@@ -37,9 +28,9 @@ def test_a_live_run_maps_every_scan_and_times_each(drive):
     assert 0.0 < live.mapping_ms.median <= live.latency_ms.max
 
 
-def test_nothing_to_map_is_refused(drive):
+def test_nothing_to_map_is_refused(round_trip):
     with pytest.raises(RecordingError, match="nothing to measure"):
-        bench_live(drive, None, 0.05)
+        bench_live(round_trip, None, 0.05)
 
 
 def scan(stamp_ns: int) -> LaserScan:
@@ -67,12 +58,12 @@ def each(messages):
     yield from messages
 
 
-@pytest.mark.live
-def test_a_live_run_reads_every_kind_of_recording(drive, tmp_path):
+@pytest.mark.live(cores=1)
+def test_a_live_run_reads_every_kind_of_recording(round_trip, tmp_path):
     """SQLite serves only the thread that opened it, and the sensor's thread reads here."""
     scans = []
     decoding = LidarDecoding()
-    with open_recording(drive) as recording:
+    with open_recording(round_trip) as recording:
         for message in recording.messages():
             scans += [decoded for decoded in decoding.feed(message) if isinstance(decoded, LaserScan)]
     write_sqlite_bag(tmp_path / "bag.db3", scans[:15])

@@ -11,7 +11,7 @@ from tools.live_sensors import started_sensors
 CONFIG = parse({"depth": {"width": 424, "height": 240, "fps": 15, "mount": {"pitch_rad": 0.1, "yaw_rad": 0.2}}}, "test")
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_a_camera_alone_is_started_and_described():
     with started_sensors(None, "emulated:office", CONFIG, RunClock()) as sensors:
         assert sensors.lidar is None

@@ -1,8 +1,7 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
+from functools import partial
 
 import numpy as np
 import pytest
@@ -32,11 +31,11 @@ def log(project_root) -> DrivenLog:
     return read_driven_log(stem.with_suffix(".mcap"), stem.with_suffix(".golden.tum"), Config())
 
 
-def run(project_root, *options: str) -> subprocess.CompletedProcess[str]:
+@pytest.fixture
+def run(cli, project_root):
+    """Run the command on the recording."""
     stem = project_root / "recordings" / "simulated_office_a2m8"
-    files = [f"{stem}.mcap", f"{stem}.golden.tum"]
-    command = [sys.executable, "-m", "tools.cli", "-q", "evaluate", "relocalisation", *files, *options]
-    return subprocess.run(command, cwd=project_root, capture_output=True, text=True, check=False)
+    return partial(cli, "-q", "evaluate", "relocalisation", f"{stem}.mcap", f"{stem}.golden.tum")
 
 
 def test_every_scan_has_the_pose_of_its_stamp(log, project_root):
@@ -93,17 +92,17 @@ def test_kidnapped_robots_are_found_the_same_way_each_time(log):
     assert reports[0]["rows"] == reports[1]["rows"]
 
 
-def test_the_command_counts_a_place_on_a_foreign_map_as_wrong(log, project_root, tmp_path):
+def test_the_command_counts_a_place_on_a_foreign_map_as_wrong(log, run, tmp_path):
     own = tmp_path / "claimed_foreign.npz"
     write_lossless(own, map_of_part(log, MapPart.first_half, 0.05, LidarModel()))
-    done = run(project_root, "--starts", "2", "--drive", "1.5", "--foreign-map", str(own), "--json")
-    report = json.loads(done.stdout)
+    done = run("--starts", "2", "--drive", "1.5", "--foreign-map", own, "--json")
+    report = json.loads(done.out)
     assert report["foreign_map"] is True
     assert report["wrong"] >= 1
-    assert done.returncode == 1
+    assert done.code == 1
 
 
-def test_an_unknown_part_is_a_usage_error(project_root):
-    done = run(project_root, "--map-part", "third")
-    assert done.returncode == 2
-    assert "expected first-half or second-half" in done.stderr
+def test_an_unknown_part_is_a_usage_error(run):
+    done = run("--map-part", "third")
+    assert done.code == 2
+    assert "expected first-half or second-half" in done.err

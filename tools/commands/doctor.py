@@ -49,6 +49,8 @@ def doctor(
         code = {State.OK: ExitCode.OK, State.WARN: ExitCode.PARTIAL, State.FAIL: ExitCode.DEVICE}[of_lidar.state]
         if not as_json:
             _print_lidar(of_lidar)
+    if lidar is None and not camera:
+        typer.echo("looking at the depth camera; --lidar PORT checks the lidar", err=True)
     if camera or lidar is None:
         of_camera = check_camera(depth, config, capture)
         found["camera"] = asdict(of_camera)
