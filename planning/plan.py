@@ -75,6 +75,7 @@ class PlanResult:
 
 
 def never() -> bool:
+    """What to pass as `cancelled` for a search that nobody cancels."""
     return False
 
 

@@ -184,9 +184,7 @@ class Answers:
             ends = (search.start, search.goal)
             return plan(known, *ends, settings, seed=seed, clock=self._clock, cancelled=cancelled)
         left = (search.path, search.progress)
-        return replan(
-            known, *left, settings, car=search.car, seed=seed, clock=self._clock, cancelled=cancelled
-        )
+        return replan(known, *left, settings, car=search.car, seed=seed, clock=self._clock, cancelled=cancelled)
 
 
 def _required(known: Costmap | None) -> Costmap:

@@ -12,7 +12,7 @@ from planning.pieces import Pieces, words_between
 from planning.vehicle import Vehicle
 from tools.plan_problems import colliding_poses
 
-DETOUR = np.array([[1.0, 1.0, 0], [2.0, 4.5, 1.5], [3.0, 3.0, 0], [5.0, 3.0, 0], [6.0, 4.0, 1.5], [6.5, 1.5, -1.5]])
+DETOUR = np.array([[1.0, 1, 0], [1.5, 3, 1.5], [2.4, 4, 0], [3.3, 3, -0.6], [5, 3, 0], [6.5, 1.5, -1.5]])
 
 
 @pytest.fixture(scope="module", params=[False, True])

@@ -27,10 +27,8 @@ def step_cost(price: np.ndarray, row: int, col: int, step: tuple[int, int]) -> f
     if 0 in step:
         return there
     r, c = np.sign(step).tolist()
-    if abs(step[0]) == abs(step[1]):
-        between = [(r, 0), (0, c)]
-    else:
-        between = [(0, c) if abs(step[1]) == 2 else (r, 0), (r, c)]
+    diagonal = [(r, 0), (0, c)]
+    between = diagonal if abs(step[0]) == abs(step[1]) else [(0, c) if abs(step[1]) == 2 else (r, 0), (r, c)]
     passed = sum(float(price[row + i, col + j]) for i, j in between)
     return float(np.hypot(*step)) * (0.25 * passed + 0.5 * there)
 

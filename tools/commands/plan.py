@@ -82,7 +82,11 @@ def plan(
     reverse_cost: Annotated[
         float | None,
         typer.Option(
-            metavar="N", min=1.0, max=100.0, callback=finite, help="A metre backwards counts as so many.  [default: 1.5]"
+            metavar="N",
+            min=1.0,
+            max=100.0,
+            callback=finite,
+            help="A metre backwards counts as so many.  [default: 1.5]",
         ),
     ] = None,
     goal_tolerance: Annotated[
