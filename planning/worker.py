@@ -37,7 +37,7 @@ from planning.worker_process import (
 FloatArray = NDArray[np.float64]
 
 GRACE_S = 1.0  # beyond the time limit, before a search that does not end is killed
-_START_S, _MAP_S = 900.0, 120.0  # compiling on a small computer; the largest maps
+_START_S, _MAP_S = 600.0, 120.0  # compiling on a small computer; the largest maps
 
 
 class WorkerState(str, Enum):

@@ -133,7 +133,7 @@ def warm_up(clock: Clock) -> None:
     grid = OccupancyGrid(cells, 0.05, np.zeros(3))
     start, goal, outside = np.array([1.5, 1.5, 1.57]), np.array([4.5, 1.5, 0.0]), np.array([-9.0, 1.5, 0.0])
     walled, patient = np.array([3.0, 1.5, 0.0]), PlanSettings(iterations=3, time_limit_s=60.0)
-    tolerant = replace(patient, tolerance=GoalTolerance(0.3, 0.3))
+    tolerant = PlanSettings(tolerance=GoalTolerance(0.3, 0.3), time_limit_s=0.0)  # its goal, and no search for it
     ompl = replace(patient, planner=Planner.rrt_connect)
     wall, window = np.full((120, 1), 5.0, np.float32), Window(0, 180, 120, 181)
     requests: list[Request] = [
