@@ -52,15 +52,15 @@ def find_car_path(costmap: Costmap, start: FloatArray, goal: FloatArray, seed: i
     found = first_path(costmap, ends, seed, deadline, routes=_MOST_ROUTES, bridges=_MOST_BRIDGES)
     if found is None and not deadline.is_over():
         anyhow = find_path(costmap, start, goal, OmplPlanner.rrt_connect, seed=seed, limits=deadline.rest())
-        found = anyhow and words_between(anyhow.states, *steering(costmap)[:2], 1.0, 0.0)
-    return found and _shortened(costmap, ends, found, seed, deadline)
+        found = None if anyhow is None else words_between(anyhow.states, *steering(costmap)[:2], 1.0, 0.0)
+    return None if found is None else _shortened(costmap, ends, found, seed, deadline)
 
 
 def find_detour(costmap: Costmap, start: FloatArray, goal: FloatArray, seed: int, limits: Limits) -> CarPath | None:
     """Plan as `find_car_path`, but give up soon where the way is not easily found; then None."""
     deadline, ends = Deadline(limits, limits.clock()), np.array([start, goal])
     found = first_path(costmap, ends, seed, deadline, routes=_DETOUR_ROUTES, bridges=1)
-    return found and _shortened(costmap, ends, found, seed, deadline)
+    return None if found is None else _shortened(costmap, ends, found, seed, deadline)
 
 
 def _shortened(costmap: Costmap, ends: FloatArray, found: Pieces, seed: int, deadline: Deadline) -> CarPath | None:

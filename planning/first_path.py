@@ -1,4 +1,4 @@
-"""The first path of the car's planner: a route on the grid as a guide, words along it, OMPL where those do not get through.
+"""The first path of the car's planner: a route on the grid as a guide, words along it, OMPL where it is too tight.
 
 What a route promises the car may not be able to follow. Where joining gets stuck, RRT-Connect tries the few metres that
 are hard; where that fails too, the place is made dear and another route is asked for.
@@ -92,7 +92,7 @@ def shortest_way(costmap: Costmap, ends: FloatArray, seed: int, deadline: Deadli
 
 
 def find_guided(costmap: Costmap, guide: Guide, ends: FloatArray, *, greed: float) -> FloatArray:
-    """Return a route (N, 2) in local metres between local poses (2, 3), at most greed times the cheapest; N may be 0."""
+    """Return a route (N, 2) in local metres between poses (2, 3), at most greed times the cheapest; N may be 0."""
     cell_m, vehicle = costmap.grid.resolution_m, costmap.vehicle
     first, last = (guide.cell(x, y, cell_m) for x, y in ends[:, :2].tolist())
     narrow_m = float(np.abs(vehicle.corners[:, 1]).max()) + _NARROW_M

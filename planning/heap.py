@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-Keys = NDArray[np.floating[Any]]
-Items = NDArray[np.integer[Any]]
+Keys = NDArray[Any]  # of 32 or 64 bits, as the caller made them
+Items = NDArray[Any]
 
 
 @njit(cache=True)

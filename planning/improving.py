@@ -119,11 +119,44 @@ def improve(
         if new > old - _LEAST_GAIN_M or not edge_is_free(
             blocked, distance_m, cell_m, corners, outer_radius_m, new_lengths[:fresh], new_turns[:fresh],
             ax, ay, ayaw, radius, STEP_M,
+        ) or not _cuts_are_free(
+            blocked, distance_m, cell_m, corners, outer_radius_m, starts, lengths, turns, i, part_i, k, part_k, radius
         ):  # fmt: skip
             continue
         count = _splice(starts, lengths, turns, count, i, part_i, k, part_k, new_lengths, new_turns, fresh, radius)
         total = np.abs(lengths[:count]).sum()
     return count
+
+
+@njit(cache=True)
+def _cuts_are_free(
+    blocked: Mask,
+    distance_m: Distances,
+    cell_m: float,
+    corners: FloatArray,
+    outer_radius_m: float,
+    starts: FloatArray,
+    lengths: FloatArray,
+    turns: TurnArray,
+    i: int,
+    part_i: float,
+    k: int,
+    part_k: float,
+    radius: float,
+) -> bool:
+    """Whether what is left of pieces i and k is free: sampled from new ends it has other poses than the whole had."""
+    left, turn = np.empty(1), np.empty(1, np.int64)
+    left[0], turn[0] = part_i, turns[i]
+    x, y, yaw = starts[i, 0], starts[i, 1], starts[i, 2]
+    if abs(part_i) > _LEAST_PIECE_M and not edge_is_free(
+        blocked, distance_m, cell_m, corners, outer_radius_m, left, turn, x, y, yaw, radius, STEP_M
+    ):
+        return False
+    left[0], turn[0] = lengths[k] - part_k, turns[k]
+    x, y, yaw = drive(starts[k, 0], starts[k, 1], starts[k, 2], part_k, turns[k], radius)
+    return abs(left[0]) <= _LEAST_PIECE_M or edge_is_free(
+        blocked, distance_m, cell_m, corners, outer_radius_m, left, turn, x, y, yaw, radius, STEP_M
+    )
 
 
 @njit(cache=True)
@@ -137,9 +170,7 @@ def _nearby(x: float, y: float, yaw: float) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def _append(
-    lengths: FloatArray, turns: TurnArray, new_lengths: FloatArray, new_turns: TurnArray, count: int
-) -> int:
+def _append(lengths: FloatArray, turns: TurnArray, new_lengths: FloatArray, new_turns: TurnArray, count: int) -> int:
     """Write the pieces of a word behind count new ones; return how many there are then."""
     for piece in range(PIECES):
         if abs(lengths[piece]) > _LEAST_PIECE_M:
@@ -149,9 +180,7 @@ def _append(
 
 
 @njit(cache=True)
-def _gears_around(
-    lengths: FloatArray, count: int, i: int, part_i: float, k: int, part_k: float
-) -> tuple[int, int]:
+def _gears_around(lengths: FloatArray, count: int, i: int, part_i: float, k: int, part_k: float) -> tuple[int, int]:
     """Return the gears before part_i of piece i and after part_k of piece k, 0 where nothing is driven there."""
     before, after = 0, 0
     rest_k = lengths[k] - part_k

@@ -56,9 +56,7 @@ class Candidates:
         layer = int(self.layer[begin])
         kept = np.concatenate([[begin], np.arange(int(self.first[layer + 1]), len(self.poses))])
         first = np.concatenate([[0], self.first[layer + 1 :] - self.first[layer + 1] + 1])
-        return Candidates(
-            self.poses[kept], self.layer[kept] - layer, first, self.points[layer:], self.to_go_m[layer:]
-        )
+        return Candidates(self.poses[kept], self.layer[kept] - layer, first, self.points[layer:], self.to_go_m[layer:])
 
 
 def candidates(

@@ -298,6 +298,8 @@ def _planner(planner: OmplPlanner, information: Any, range_m: float | None) -> A
         OmplPlanner.bit_star: og.BITstar,
     }
     made = kinds[planner](information)
+    if planner is OmplPlanner.bit_star:
+        made.setPruning(False)  # takes up to a second at a time, in which it does not ask whether to stop
     if range_m is not None:
         made.setRange(range_m)
     return made

@@ -97,11 +97,11 @@ def find_route(
 @njit(cache=True)
 def _metre(price: Prices, row: int, col: int, step: int) -> float:
     """Return what a cell's width costs on a step out of a cell; inf where it leads into or between forbidden cells."""
-    there = price[row + _STEPS[step, 0], col + _STEPS[step, 1]]
+    there: float = price[row + _STEPS[step, 0], col + _STEPS[step, 1]]
     if step < 4:
         return there
-    one = price[row + _STEPS[step, 2], col + _STEPS[step, 3]]
-    other = price[row + _STEPS[step, 4], col + _STEPS[step, 5]]
+    one: float = price[row + _STEPS[step, 2], col + _STEPS[step, 3]]
+    other: float = price[row + _STEPS[step, 4], col + _STEPS[step, 5]]
     return 0.25 * (one + other) + 0.5 * there
 
 
