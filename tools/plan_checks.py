@@ -85,7 +85,9 @@ def refined(poses: FloatArray, step_m: float) -> FloatArray:
     parts = max(1, math.ceil(steps.length_m.max(initial=0.0) / step_m))
     share = np.arange(parts)[:, np.newaxis] / parts
     half = steps.turn_rad / 2.0
-    chord = np.where(np.abs(half) > 1e-9, np.sin(share * half) / np.where(np.abs(half) > 1e-9, np.sin(half), 1.0), share)
+    chord = np.where(
+        np.abs(half) > 1e-9, np.sin(share * half) / np.where(np.abs(half) > 1e-9, np.sin(half), 1.0), share
+    )
     heading = steps.course_rad - half + share * half
     between = np.stack(
         [

@@ -60,7 +60,9 @@ def try_random_plans(
     if not wide:
         return {"maps": {}, "failures": [], "narrow": narrow}
     shares = {file: len(part) for file, part in zip(wide, np.array_split(np.arange(count), len(wide)), strict=True)}
-    tasks = [(file, first, min(_CHUNK, share - first)) for file, share in shares.items() for first in range(0, share, _CHUNK)]
+    tasks = [
+        (file, first, min(_CHUNK, share - first)) for file, share in shares.items() for first in range(0, share, _CHUNK)
+    ]
     rows: list[Report] = []
     for task, done in zip(tasks, in_processes(partial(_planned, trial), tasks, jobs=jobs), strict=True):
         rows += done
