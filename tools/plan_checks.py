@@ -165,7 +165,7 @@ def _overlaps(bad: Mask, poses: FloatArray, body: FloatArray) -> Mask:
     which, cell_x, cell_y = which[known], cell_x[known], cell_y[known]
     outlines = np.stack([x[which], y[which]], axis=-1)
     result[which[_squares_overlap(outlines, cell_x, cell_y)]] = True
-    return result
+    return np.asarray(result)
 
 
 def _squares_overlap(outlines: FloatArray, cell_x: NDArray[np.int64], cell_y: NDArray[np.int64]) -> Mask:
@@ -180,4 +180,4 @@ def _squares_overlap(outlines: FloatArray, cell_x: NDArray[np.int64], cell_y: ND
         normal = np.stack([side[:, 1], -side[:, 0]], axis=-1) / np.hypot(side[:, 0], side[:, 1])[:, np.newaxis]
         beyond = ((squares - outlines[:, k, np.newaxis]) * normal[:, np.newaxis]).sum(axis=-1).min(axis=1)
         overlap &= beyond < -_TOUCH_CELLS
-    return overlap
+    return np.asarray(overlap)

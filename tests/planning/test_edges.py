@@ -84,4 +84,4 @@ def test_a_piece_of_next_to_no_length_is_checked_and_that_ends(length_m):
     lengths, turns = np.array([length_m, 0.0, 0.0, 0.0, 0.0]), np.array([1, 0, 0, 0, 0])
     car = Vehicle()
     arguments = (blocked, far_m, 0.05, car.corners, car.outer_radius_m, lengths, turns, 1.5, 1.5, 0.0, 0.576, 0.01)
-    assert edge_is_free(*arguments)
+    assert edges.edge_is_free(*arguments)
