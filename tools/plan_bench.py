@@ -1,4 +1,4 @@
-"""What a plan costs and how long its path is, beside OMPL with numpy; what starting costs; what a thousand plans leave."""
+"""What plans cost and how long their paths are, beside OMPL with numpy; what starting costs and what plans leave."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -118,7 +119,7 @@ def _solved(on: Costmap, problem: TimedProblem, contender: Contender) -> dict[st
 
 
 def bench_start() -> Report:
-    """Return the wall and CPU seconds of a process's start until it can plan: without compiled code at hand, and with."""
+    """Return the wall and CPU seconds from a process's start until it can plan: compiling first, and compiled."""
     with tempfile.TemporaryDirectory() as cache:
         environment = os.environ | {"NUMBA_CACHE_DIR": cache}
         return {name: _started(environment) for name in ("first", "second")}
@@ -126,7 +127,7 @@ def bench_start() -> Report:
 
 def _started(environment: dict[str, str]) -> Report:
     before, began = os.times(), time.perf_counter()
-    subprocess.run([sys.executable, "-c", _START], env=environment, check=True)
+    subprocess.run([sys.executable, "-c", _START], env=environment, check=True)  # noqa: S603 - this program itself
     after = os.times()
     cpu_s = after.children_user + after.children_system - before.children_user - before.children_system
     return {"wall_s": round(time.perf_counter() - began, 2), "cpu_s": round(cpu_s, 2)}
@@ -152,8 +153,8 @@ def _held() -> Report:
     """Return resident memory, open descriptors and threads."""
     return {
         "resident_mb": round(memory().resident_mb, 1),
-        "descriptors": len(os.listdir("/proc/self/fd")),
-        "threads": len(os.listdir("/proc/self/task")),
+        "descriptors": sum(1 for _ in Path("/proc/self/fd").iterdir()),
+        "threads": sum(1 for _ in Path("/proc/self/task").iterdir()),
     }
 
 
@@ -186,10 +187,8 @@ def _until_back(worker: PlanningWorker, problem: TimedProblem, after_s: float, s
 
     timer = threading.Timer(after_s, stop_it)
     timer.start()
-    try:
+    with suppress(KeyboardInterrupt):
         worker.plan(problem.start, problem.goal, _LONG)
-    except KeyboardInterrupt:
-        pass
     over = time.perf_counter()
     timer.join()
     return 1e3 * max(over - stopped[0], 0.0)

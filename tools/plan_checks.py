@@ -102,7 +102,7 @@ def refined(poses: FloatArray, step_m: float) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Steps:
-    """Of each step (N - 1,): chord and arc in m, turn, course of the chord in the map, and in the car's frame midway."""
+    """Of each step (N - 1,): chord and arc in m, turn, the chord's course in the map and in the car's frame midway."""
 
     chord_m: FloatArray
     length_m: FloatArray
@@ -148,7 +148,7 @@ def _overlaps(bad: Mask, poses: FloatArray, body: FloatArray) -> Mask:
     low_x, low_y, high_x, high_y = x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)
     off = ~((low_x >= -_TOUCH_CELLS) & (low_y >= -_TOUCH_CELLS) & np.isfinite(poses).all(axis=1))
     off |= ~((high_x <= cols + _TOUCH_CELLS) & (high_y <= rows + _TOUCH_CELLS))
-    result = off.copy()
+    result: NDArray[np.bool_] = off.copy()
     inside = np.flatnonzero(~off)
     if len(inside) == 0:
         return result

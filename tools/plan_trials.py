@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from planning.costmap import Costmap, UnknownSpace, costmap
+from planning.costmap_layers import Regions, connected
 from planning.plan import PlanSettings, plan
 from planning.vehicle import Vehicle
 from tools.maps_at_hand import read_any_map
@@ -74,15 +75,21 @@ def try_random_plans(
 
 
 def draw_problems(on: Costmap, count: int, random: np.random.Generator) -> list[PlanProblem]:
-    """Return random problems: poses that fit, in one region, LEAST_M apart; fewer where a map has hardly any."""
-    rows, cols = np.nonzero(on.region)
+    """Return random problems: poses that fit, joined, LEAST_M apart; fewer where a map has hardly any.
+
+    Joined: by a way along which the car's whole width fits beside the rear axle. The planner's regions ask for less,
+    since they must never part what a car can reach; pairs that only they join have mostly no way.
+    """
+    half_width_m = float(np.abs(on.vehicle.corners[:, 1]).max())
+    _, ways = connected(on.to_blocked_m >= half_width_m + on.grid.resolution_m / 2.0)
+    rows, cols = np.nonzero(ways)
     found: list[PlanProblem] = []
     for _ in range(_DRAWS * max(count, 1) // 100 + 1 if len(rows) else 0):
         poses = _random_poses(on.grid, rows, cols, 200, random)
         starts, goals = poses[:100], poses[100:]
         far = np.hypot(*(goals - starts)[:, :2].T) >= LEAST_M
         for start, goal in zip(starts[far], goals[far], strict=True):
-            if _region(on, start) == _region(on, goal) and on.fits(start) and on.fits(goal):
+            if _way(on, ways, start) == _way(on, ways, goal) and on.fits(start) and on.fits(goal):
                 found.append(PlanProblem(start, goal))
                 if len(found) == count:
                     return found
@@ -99,9 +106,9 @@ def _random_poses(
     return se2.compose(grid.origin, local)
 
 
-def _region(on: Costmap, pose: FloatArray) -> int:
+def _way(on: Costmap, ways: Regions, pose: FloatArray) -> int:
     cell = on.cell(pose)
-    return int(on.region[cell]) if cell else 0
+    return int(ways[cell]) if cell else 0
 
 
 @lru_cache(maxsize=1)

@@ -23,7 +23,7 @@ def plans(
         list[Path],
         typer.Argument(
             metavar="PROBLEMS.json",
-            help="{map: [{start, goal, ref}]}, with <map>.yaml beside it; with --random or --blocked also maps and folders.",
+            help="{map: [{start, goal, ref}]}, <map>.yaml beside it; with --random or --blocked also maps and folders.",
         ),
     ],
     random: Annotated[
