@@ -21,9 +21,11 @@ def test_the_default_is_a_qcar():
     car = Vehicle()
     assert np.ptp(car.body, axis=0).tolist() == pytest.approx([0.425, 0.192])
     assert car.body.mean(axis=0).tolist() == pytest.approx([0.128, 0.0])
-    assert np.ptp(car.corners, axis=0).tolist() == pytest.approx([0.445, 0.212])
-    assert car.inradius_m == pytest.approx(0.0945)
-    assert car.outer_radius_m == pytest.approx(math.hypot(0.3505, 0.106))
+    assert np.ptp(car.corners, axis=0).tolist() == pytest.approx(
+        [0.445 + 2 * BETWEEN_POSES_M, 0.212 + 2 * BETWEEN_POSES_M]
+    )
+    assert car.inradius_m == pytest.approx(0.0945 + BETWEEN_POSES_M)
+    assert car.outer_radius_m == pytest.approx(math.hypot(0.3505 + BETWEEN_POSES_M, 0.106 + BETWEEN_POSES_M))
     assert car.area_m2 == pytest.approx(0.425 * 0.192)
 
 
