@@ -16,8 +16,8 @@ from mapping.grid import OccupancyGrid
 from planning import costmap_layers as layers
 from planning.costmap import Costmap, UnknownSpace
 from planning.errors import PlanningError
-from planning.guide import refresh_guide
 from planning.footprint import Distances, Mask
+from planning.guide import refresh_guide
 
 _AROUND_CELLS = 16  # looked at around a change for ways that lead past it
 

@@ -1,8 +1,6 @@
 """Shortening a path that is already free: words instead of detours, and poses moved to where the way is shorter.
 
-A path is a chain of pieces, each an arc of the turning radius or a straight line with a sign, and the pose at which
-each begins. Pieces that are kept are never computed again from their ends: equally long words may be exchanged by
-rounding, and then what was checked is not what is driven.
+Pieces that are kept are never computed again from their ends (see `pieces`).
 """
 
 from __future__ import annotations
@@ -24,6 +22,8 @@ FloatArray = NDArray[np.float64]
 _MOST_PIECES = 4096
 _LEAST_PIECE_M = 1e-7
 _LEAST_GAIN_M = 1e-5
+_LEAST_SPAN_M = 0.15  # of a stretch that is replaced, up to the whole path
+_VIA = 0.6  # share of the tries that lead by a pose beside the path
 
 
 class Improvement:
@@ -83,16 +83,13 @@ def improve(
     starts[count] is the goal. Returns how many pieces there are then.
     """
     np.random.seed(seed)
-    new_lengths, new_turns = np.empty(4 * PIECES), np.empty(4 * PIECES, np.int64)
-    first_lengths, first_turns = np.empty(PIECES), np.empty(PIECES, np.int64)
-    second_lengths, second_turns = np.empty(PIECES), np.empty(PIECES, np.int64)
-    total = 0.0
-    for place in range(count):
-        total += abs(lengths[place])
+    new_lengths, new_turns = np.empty(2 * PIECES), np.empty(2 * PIECES, np.int64)
+    word_lengths, word_turns = np.empty(PIECES), np.empty(PIECES, np.int64)
+    total = np.abs(lengths[:count]).sum()
     for _ in range(tries):
-        if count + 4 * PIECES > len(lengths):
+        if count + 2 * PIECES + 1 > len(lengths):
             break
-        span = 0.15 * math.exp(np.random.random() * math.log(max(total / 0.15, 1.0)))
+        span = _LEAST_SPAN_M * math.exp(np.random.random() * math.log(max(total / _LEAST_SPAN_M, 1.0)))
         begin = np.random.random() * (total + span) - span
         end = min(begin + span, total)
         begin = max(begin, 0.0)
@@ -103,52 +100,99 @@ def improve(
         if end >= total:
             k, part_k = count - 1, lengths[count - 1]
             bx, by, byaw = starts[count, 0], starts[count, 1], starts[count, 2]
-        before = _sign(part_i) if part_i != 0.0 else (_sign(lengths[i - 1]) if i else 0)
-        rest_k = lengths[k] - part_k
-        after = _sign(rest_k) if rest_k != 0.0 else (_sign(lengths[k + 1]) if k + 1 < count else 0)
+        before, after = _gears_around(lengths, count, i, part_i, k, part_k)
         old = _between(lengths, i, part_i, k, part_k, before, after, reverse_cost, cusp_cost)
-        halves = np.random.random() < 0.6
-        if halves:
-            middle = begin + (0.2 + 0.6 * np.random.random()) * (end - begin)
-            m, part_m = _locate(lengths, count, middle)
-            mx, my, myaw = drive(starts[m, 0], starts[m, 1], starts[m, 2], part_m, turns[m], radius)
-            aside = 0.3 * math.exp(-4.0 * np.random.random()) * (1.0 if np.random.random() < 0.5 else -1.0)
-            turn = 0.4 * math.exp(-4.0 * np.random.random()) * (1.0 if np.random.random() < 0.5 else -1.0)
-            along = 0.1 * (np.random.random() - 0.5)
-            mx += along * math.cos(myaw) - aside * math.sin(myaw)
-            my += along * math.sin(myaw) + aside * math.cos(myaw)
-            myaw += turn
-            if math.hypot(mx - ax, my - ay) + math.hypot(bx - mx, by - my) > old:
+        x, y, yaw, fresh = ax, ay, ayaw, 0
+        if np.random.random() < _VIA:
+            m, part_m = _locate(lengths, count, begin + (0.2 + 0.6 * np.random.random()) * (end - begin))
+            x, y, yaw = drive(starts[m, 0], starts[m, 1], starts[m, 2], part_m, turns[m], radius)
+            x, y, yaw = _nearby(x, y, yaw)
+            if math.hypot(x - ax, y - ay) + math.hypot(bx - x, by - y) > old:
                 continue
-            way = steer(kind, ax, ay, ayaw, mx, my, myaw, radius, reverse_cost, cusp_cost, first_lengths, first_turns)
+            way = steer(kind, ax, ay, ayaw, x, y, yaw, radius, reverse_cost, cusp_cost, word_lengths, word_turns)
             if way > old:
                 continue
-            steer(kind, mx, my, myaw, bx, by, byaw, radius, reverse_cost, cusp_cost, second_lengths, second_turns)
-        else:
-            steer(kind, ax, ay, ayaw, bx, by, byaw, radius, reverse_cost, cusp_cost, first_lengths, first_turns)
-        fresh = 0
-        for piece in range(PIECES):
-            if abs(first_lengths[piece]) > _LEAST_PIECE_M:
-                new_lengths[fresh], new_turns[fresh] = first_lengths[piece], first_turns[piece]
-                fresh += 1
-        if halves:
-            for piece in range(PIECES):
-                if abs(second_lengths[piece]) > _LEAST_PIECE_M:
-                    new_lengths[fresh], new_turns[fresh] = second_lengths[piece], second_turns[piece]
-                    fresh += 1
+            fresh = _append(word_lengths, word_turns, new_lengths, new_turns, fresh)
+        steer(kind, x, y, yaw, bx, by, byaw, radius, reverse_cost, cusp_cost, word_lengths, word_turns)
+        fresh = _append(word_lengths, word_turns, new_lengths, new_turns, fresh)
         new = cost_between(new_lengths, 0, fresh, before, after, reverse_cost, cusp_cost)
-        if new > old - _LEAST_GAIN_M:
-            continue
-        if not edge_is_free(
+        if new > old - _LEAST_GAIN_M or not edge_is_free(
             blocked, distance_m, cell_m, corners, outer_radius_m, new_lengths[:fresh], new_turns[:fresh],
             ax, ay, ayaw, radius, STEP_M,
+        ) or not _cuts_are_free(
+            blocked, distance_m, cell_m, corners, outer_radius_m, starts, lengths, turns, i, part_i, k, part_k, radius
         ):  # fmt: skip
             continue
         count = _splice(starts, lengths, turns, count, i, part_i, k, part_k, new_lengths, new_turns, fresh, radius)
-        total = 0.0
-        for place in range(count):
-            total += abs(lengths[place])
+        total = np.abs(lengths[:count]).sum()
     return count
+
+
+@njit(cache=True)
+def _cuts_are_free(
+    blocked: Mask,
+    distance_m: Distances,
+    cell_m: float,
+    corners: FloatArray,
+    outer_radius_m: float,
+    starts: FloatArray,
+    lengths: FloatArray,
+    turns: TurnArray,
+    i: int,
+    part_i: float,
+    k: int,
+    part_k: float,
+    radius: float,
+) -> bool:
+    """Whether what is left of pieces i and k is free: sampled from new ends it has other poses than the whole had."""
+    left, turn = np.empty(1), np.empty(1, np.int64)
+    left[0], turn[0] = part_i, turns[i]
+    x, y, yaw = starts[i, 0], starts[i, 1], starts[i, 2]
+    if abs(part_i) > _LEAST_PIECE_M and not edge_is_free(
+        blocked, distance_m, cell_m, corners, outer_radius_m, left, turn, x, y, yaw, radius, STEP_M
+    ):
+        return False
+    left[0], turn[0] = lengths[k] - part_k, turns[k]
+    x, y, yaw = drive(starts[k, 0], starts[k, 1], starts[k, 2], part_k, turns[k], radius)
+    return abs(left[0]) <= _LEAST_PIECE_M or edge_is_free(
+        blocked, distance_m, cell_m, corners, outer_radius_m, left, turn, x, y, yaw, radius, STEP_M
+    )
+
+
+@njit(cache=True)
+def _nearby(x: float, y: float, yaw: float) -> tuple[float, float, float]:
+    """Return a random pose near one, mostly very near."""
+    aside = 0.3 * math.exp(-4.0 * np.random.random()) * (1.0 if np.random.random() < 0.5 else -1.0)
+    turn = 0.4 * math.exp(-4.0 * np.random.random()) * (1.0 if np.random.random() < 0.5 else -1.0)
+    along = 0.1 * (np.random.random() - 0.5)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    return x + along * cos - aside * sin, y + along * sin + aside * cos, yaw + turn
+
+
+@njit(cache=True)
+def _append(lengths: FloatArray, turns: TurnArray, new_lengths: FloatArray, new_turns: TurnArray, count: int) -> int:
+    """Write the pieces of a word behind count new ones; return how many there are then."""
+    for piece in range(PIECES):
+        if abs(lengths[piece]) > _LEAST_PIECE_M:
+            new_lengths[count], new_turns[count] = lengths[piece], turns[piece]
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _gears_around(lengths: FloatArray, count: int, i: int, part_i: float, k: int, part_k: float) -> tuple[int, int]:
+    """Return the gears before part_i of piece i and after part_k of piece k, 0 where nothing is driven there."""
+    before, after = 0, 0
+    rest_k = lengths[k] - part_k
+    if part_i != 0.0:
+        before = _sign(part_i)
+    elif i > 0:
+        before = _sign(lengths[i - 1])
+    if rest_k != 0.0:
+        after = _sign(rest_k)
+    elif k + 1 < count:
+        after = _sign(lengths[k + 1])
+    return before, after
 
 
 @njit(cache=True)

@@ -16,13 +16,15 @@ from numpy.typing import NDArray
 
 from planning.edges import STEP_M, edge_is_free, steer
 from planning.footprint import Distances, Mask, is_free
-from planning.reeds_shepp import PIECES, TurnArray
+from planning.heap import pop, push
+from planning.reeds_shepp import PIECES
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 LAYER_M = 0.25
-_SMOOTH_LAYERS = 2
+_SMOOTH_LAYERS = 2  # to each side, over which the route is averaged
+# Headings at a point of the route, from its direction, and how many layers ahead the words lead.
 _ASKEW = np.array([0.0, 0.35, -0.35, 0.8, -0.8, math.pi, math.pi + 0.4, math.pi - 0.4])
 _AHEAD = np.array([1, 2, 3, 4, 6, 8, 12, 16])
 _GREED = 1.15  # prefers words that come far along the route to those that cost least
@@ -41,6 +43,12 @@ class Candidates:
     points: FloatArray
     to_go_m: FloatArray
 
+    def index_after(self, begin: int, index: int) -> int:
+        """Return the number here of a candidate of `after(begin)`."""
+        if begin == 0 or index == 0:
+            return begin + index
+        return int(self.first[int(self.layer[begin]) + 1]) + index - 1
+
     def after(self, begin: int) -> Candidates:
         """Return a candidate as the start, and those of the layers after its own."""
         if begin == 0:
@@ -48,9 +56,7 @@ class Candidates:
         layer = int(self.layer[begin])
         kept = np.concatenate([[begin], np.arange(int(self.first[layer + 1]), len(self.poses))])
         first = np.concatenate([[0], self.first[layer + 1 :] - self.first[layer + 1] + 1])
-        return Candidates(
-            self.poses[kept], self.layer[kept] - layer, first, self.points[layer:], self.to_go_m[layer:]
-        )
+        return Candidates(self.poses[kept], self.layer[kept] - layer, first, self.points[layer:], self.to_go_m[layer:])
 
 
 def candidates(
@@ -140,42 +146,27 @@ def join(
     At most most_checks words are checked. The arguments before poses are those of `edges`, from poses those of
     `Candidates`.
     """
-    last, layers = len(poses) - 1, len(to_go_m)
-    cost = np.full(len(poses), np.inf)
-    came_from = np.full(len(poses), -1)
-    keys, entries, count = np.empty(4096), np.empty((4096, 3)), 0
+    number, last = len(poses), len(poses) - 1
+    cost = np.full(number, np.inf)
+    came_from = np.full(number, -1)
+    keys, edges, count = np.empty(4096), np.empty(4096, np.int64), 0  # an edge: first pose * number + second pose
     lengths, turns = np.empty(PIECES), np.empty(PIECES, np.int64)
     cost[0] = 0.0
     node, checks, furthest = 0, 0, 0
     while True:
-        x, y, yaw = poses[node, 0], poses[node, 1], poses[node, 2]
-        here = layer[node]
-        for ahead in _AHEAD:
-            there = here + ahead
-            if there >= layers - 1:
-                break
-            for other in range(first[there], first[there + 1]):
-                if cost[other] < np.inf:
-                    continue
-                way = steer(
-                    kind, x, y, yaw, poses[other, 0], poses[other, 1], poses[other, 2],
-                    radius, reverse_cost, cusp_cost, lengths, turns,
-                )  # fmt: skip
-                total = cost[node] + way
-                keys, entries, count = _push(keys, entries, count, total + _GREED * to_go_m[there], total, node, other)
-        way = steer(
-            kind, x, y, yaw, poses[last, 0], poses[last, 1], poses[last, 2],
-            radius, reverse_cost, cusp_cost, lengths, turns,
-        )  # fmt: skip
-        keys, entries, count = _push(keys, entries, count, cost[node] + way, cost[node] + way, node, last)
+        ahead, ways = _words_ahead(kind, radius, reverse_cost, cusp_cost, poses, layer, first, cost, node)
+        for place in range(len(ahead)):
+            other = ahead[place]
+            key = cost[node] + ways[place] + (0.0 if other == last else _GREED * to_go_m[layer[other]])
+            keys, edges, count = push(keys, edges, count, key, node * number + other)
         found = False
         while count and not found and checks < most_checks:
-            total, parent, node = entries[0, 0], int(entries[0, 1]), int(entries[0, 2])
-            count = _pop(keys, entries, count)
+            parent, node = edges[0] // number, edges[0] % number
+            count = pop(keys, edges, count)
             if cost[node] < np.inf:
                 continue
             x, y, yaw = poses[parent, 0], poses[parent, 1], poses[parent, 2]
-            steer(
+            way = steer(
                 kind, x, y, yaw, poses[node, 0], poses[node, 1], poses[node, 2],
                 radius, reverse_cost, cusp_cost, lengths, turns,
             )  # fmt: skip
@@ -184,13 +175,49 @@ def join(
                 blocked, distance_m, cell_m, corners, outer_radius_m, lengths, turns, x, y, yaw, radius, STEP_M
             )
             if found:
-                cost[node], came_from[node] = total, parent
+                cost[node], came_from[node] = cost[parent] + way, parent
                 if layer[node] > layer[furthest]:
                     furthest = node
         if not found:
             return _chain(came_from, furthest)
         if node == last:
             return _chain(came_from, last)
+
+
+@njit(cache=True)
+def _words_ahead(
+    kind: int,
+    radius: float,
+    reverse_cost: float,
+    cusp_cost: float,
+    poses: FloatArray,
+    layer: IntArray,
+    first: IntArray,
+    cost: FloatArray,
+    node: int,
+) -> tuple[IntArray, FloatArray]:
+    """Return the poses (W,) not reached yet that lie some layers ahead of one, and the last, and what the ways cost."""
+    last, layers = len(poses) - 1, len(first) - 1
+    ahead, ways = np.empty(len(_AHEAD) * len(_ASKEW) + 1, np.int64), np.empty(len(_AHEAD) * len(_ASKEW) + 1)
+    lengths, turns = np.empty(PIECES), np.empty(PIECES, np.int64)
+    count = 0
+    for step in _AHEAD:
+        there = layer[node] + step
+        if there >= layers - 1:
+            break
+        for other in range(first[there], first[there + 1]):
+            if cost[other] == np.inf:
+                ahead[count] = other
+                count += 1
+    ahead[count] = last
+    count += 1
+    for place in range(count):
+        other = ahead[place]
+        ways[place] = steer(
+            kind, poses[node, 0], poses[node, 1], poses[node, 2], poses[other, 0], poses[other, 1], poses[other, 2],
+            radius, reverse_cost, cusp_cost, lengths, turns,
+        )  # fmt: skip
+    return ahead[:count], ways[:count]
 
 
 @njit(cache=True)
@@ -205,45 +232,3 @@ def _chain(came_from: IntArray, last: int) -> IntArray:
         chain[place] = node
         node = came_from[node]
     return chain
-
-
-@njit(cache=True)
-def _push(
-    keys: FloatArray, entries: FloatArray, count: int, key: float, total: float, parent: int, node: int
-) -> tuple[FloatArray, FloatArray, int]:
-    if count == len(keys):
-        more_keys, more_entries = np.empty(2 * count), np.empty((2 * count, 3))
-        more_keys[:count], more_entries[:count] = keys, entries
-        keys, entries = more_keys, more_entries
-    place = count
-    while place:
-        parent_place = (place - 1) >> 1
-        if keys[parent_place] <= key:
-            break
-        keys[place] = keys[parent_place]
-        entries[place] = entries[parent_place]
-        place = parent_place
-    keys[place] = key
-    entries[place, 0], entries[place, 1], entries[place, 2] = total, parent, node
-    return keys, entries, count + 1
-
-
-@njit(cache=True)
-def _pop(keys: FloatArray, entries: FloatArray, count: int) -> int:
-    count -= 1
-    key = keys[count]
-    place = 0
-    while True:
-        child = 2 * place + 1
-        if child >= count:
-            break
-        if child + 1 < count and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[place] = keys[child]
-        entries[place] = entries[child]
-        place = child
-    keys[place] = key
-    entries[place] = entries[count]
-    return count

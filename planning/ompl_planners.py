@@ -49,9 +49,10 @@ class OmplPlanner(str, Enum):
 
 
 class EndedBy(str, Enum):
-    """Why a search came to its end."""
+    """Why a search came to its end; found: it ends with its first path; converged: a path grew no shorter."""
 
     found = "found"
+    converged = "converged"
     budget = "budget"
     time = "time"
     cancelled = "cancelled"
@@ -61,12 +62,14 @@ class EndedBy(str, Enum):
 class Found:
     """Local poses (N, 3) at most STEP_M of driving apart, each of them checked, and gears (N,) as `sample` gives them.
 
-    states (M, 3) are where OMPL's edges meet. iterations counts how often the planner asked whether to stop.
+    states (M, 3) are where OMPL's edges meet. first_s: from the start of the search to the first path. iterations
+    counts how often the planner asked whether to stop.
     """
 
     states: FloatArray
     poses: FloatArray
     gears: NDArray[np.int8]
+    first_s: float
     iterations: int
     ended_by: EndedBy
 
@@ -184,17 +187,25 @@ class _Stop:
 
     def __init__(self, limits: Limits, best_cost: Callable[[], Any] | None) -> None:
         self._limits, self._best_cost = limits, best_cost
-        now = limits.clock()
-        self._improve_until, self._search_until = now + limits.improve_s, now + limits.time_limit_s
+        self._started_s = limits.clock()
+        self._improve_until = self._started_s + limits.improve_s
+        self._search_until = self._started_s + limits.time_limit_s
+        self._first_s: float | None = None
         self.asked = 0
         self.ended_by = EndedBy.found
 
     def __call__(self) -> bool:
         self.asked += 1
         now = self._limits.clock()
+        if self._first_s is None and self._best_cost is not None and math.isfinite(self._best_cost().value()):
+            self._first_s = now - self._started_s
         if not self.at_once(now) and self._budget_is_spent(now):
             self.ended_by = EndedBy.budget
         return self.ended_by is not EndedBy.found
+
+    def first_s(self) -> float:
+        """Return how long the first path took; of a planner that ends with it, asked when it has ended."""
+        return self._limits.clock() - self._started_s if self._first_s is None else self._first_s
 
     def at_once(self, now: float) -> bool:
         """Whether the search was cancelled or its time is up."""
@@ -210,10 +221,8 @@ class _Stop:
         limits = self._limits
         if limits.most_iterations is not None and self.asked > limits.most_iterations:
             return True
-        if self._best_cost is None:
-            return False
         spent = now >= self._improve_until if limits.iterations is None else self.asked > limits.iterations
-        return spent and math.isfinite(self._best_cost().value())
+        return spent and self._first_s is not None
 
 
 def _search(
@@ -240,6 +249,7 @@ def _search(
     setup.solve(ob.PlannerTerminationCondition(stop))
     if not setup.haveExactSolutionPath():
         return None
+    first_s = stop.first_s()
     found = setup.getSolutionPath()
     paths = [_states(found)]
     if simplify and stop.ended_by is not EndedBy.cancelled:
@@ -250,7 +260,7 @@ def _search(
     for states in paths:
         driven = _driven(car, states)
         if driven is not None:
-            return Found(states, *driven, stop.asked, stop.ended_by)
+            return Found(states, *driven, first_s, stop.asked, stop.ended_by)
     return None
 
 
@@ -288,6 +298,8 @@ def _planner(planner: OmplPlanner, information: Any, range_m: float | None) -> A
         OmplPlanner.bit_star: og.BITstar,
     }
     made = kinds[planner](information)
+    if planner is OmplPlanner.bit_star:
+        made.setPruning(False)  # takes up to a second at a time, in which it does not ask whether to stop
     if range_m is not None:
         made.setRange(range_m)
     return made

@@ -9,11 +9,11 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from planning.car_planner import find_car_path
+from planning.car_planner import CarPath, find_car_path
 from planning.costmap import Costmap
 from planning.ends import GoalTolerance, PlanError, check_ends
 from planning.errors import PlanningError
-from planning.ompl_planners import EndedBy, Limits, OmplPlanner, find_path
+from planning.ompl_planners import EndedBy, Found, Limits, OmplPlanner, find_path
 from planning.path import Path, path_along
 
 FloatArray = NDArray[np.float64]
@@ -32,16 +32,18 @@ class Planner(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class PlanSettings:
-    """budget_s: how long a search with a path in hand goes on to shorten it; iterations: the same where a seed is given.
+    """budget_s: how long after its start a search with a path in hand goes on to shorten it.
 
-    time_limit_s: the end of any search. tolerance: how far a goal that does not fit may be moved.
+    iterations: the same where a seed is given. time_limit_s: the end of any search. goal_tolerance_m and _rad: how far
+    a goal that does not fit may be moved, and how much turned.
     """
 
     planner: Planner = Planner.car
     budget_s: float = 0.3
-    iterations: int = 100
+    iterations: int = 400
     time_limit_s: float = 10.0
-    tolerance: GoalTolerance = GoalTolerance()
+    goal_tolerance_m: float = 0.0
+    goal_tolerance_rad: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,43 +89,47 @@ def plan(
     for name, pose in (("start", start), ("goal", goal)):
         if not np.isfinite(pose).all():
             raise PlanningError(f"{name}: {pose.tolist()} is not a finite pose: give x and y in m and yaw in rad")
-    ends = check_ends(costmap, start, goal, settings.tolerance)
+    tolerance = GoalTolerance(settings.goal_tolerance_m, settings.goal_tolerance_rad)
+    ends = check_ends(costmap, start, goal, tolerance)
     if ends.error is not None:
         return PlanResult(None, ends.error, ends.reason, advice=ends.advice, seconds=clock() - started_s)
-    first, last = costmap.local(np.array([ends.start, ends.goal]))
+    before_s = clock() - started_s
     limits = Limits(
-        clock, cancelled, settings.time_limit_s, settings.budget_s, None if seed is None else settings.iterations
+        clock,
+        cancelled,
+        time_limit_s=settings.time_limit_s - before_s,
+        improve_s=settings.budget_s - before_s,
+        iterations=None if seed is None else settings.iterations,
     )
-    found = _Search(costmap, first, last, 0 if seed is None else seed, limits).by(settings.planner)
-    seconds = clock() - started_s
+    first, last = costmap.local(np.array([ends.start, ends.goal]))
+    found = _search(costmap, first, last, settings.planner, 0 if seed is None else seed, limits)
     if found is None:
-        if cancelled():
-            reason = "the search was cancelled before a path was found"
-            return PlanResult(None, PlanError.cancelled, reason, seconds=seconds, ended_by=EndedBy.cancelled)
-        reason = f"no path found in {settings.time_limit_s:g} s: allow more time or a smaller turning radius"
-        return PlanResult(None, PlanError.timeout, reason, seconds=seconds, ended_by=EndedBy.time)
-    poses, gears, first_s, iterations, ended_by = found
-    path = path_along(costmap.world(poses), gears)
-    reason = f"{path.length_m:.2f} m" + (f"; {ends.reason}" if ends.reason else "")
-    clearance_m = costmap.clearance_m(path.poses)
-    return PlanResult(path, None, reason, clearance_m, None, first_s, clock() - started_s, iterations, ended_by)
+        return _without_path(settings, clock() - started_s, is_cancelled=cancelled())
+    path = path_along(costmap.world(found.poses), found.gears)
+    return PlanResult(
+        path,
+        None,
+        f"{path.length_m:.2f} m" + (f"; {ends.reason}" if ends.reason else ""),
+        min_clearance_m=costmap.clearance_m(path.poses),
+        first_path_s=before_s + found.first_s,
+        seconds=clock() - started_s,
+        iterations=found.iterations,
+        ended_by=found.ended_by,
+    )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Search:
-    """One request between local poses (3,)."""
+def _search(
+    costmap: Costmap, start: FloatArray, goal: FloatArray, planner: Planner, seed: int, limits: Limits
+) -> CarPath | Found | None:
+    """Search between local poses (3,)."""
+    if planner is Planner.car:
+        return find_car_path(costmap, start, goal, seed, limits)
+    return find_path(costmap, start, goal, OmplPlanner(planner.value), seed=seed, limits=limits)
 
-    costmap: Costmap
-    start: FloatArray
-    goal: FloatArray
-    seed: int
-    limits: Limits
 
-    def by(self, planner: Planner) -> tuple[FloatArray, NDArray[np.int8], float | None, int, EndedBy] | None:
-        """Return local poses and gears, when the first path was there, iterations, and what ended it; None without."""
-        if planner is Planner.car:
-            best = find_car_path(self.costmap, self.start, self.goal, self.seed, self.limits)
-            return best and (best.poses, best.gears, best.first_s, best.iterations, best.ended_by)
-        kind = OmplPlanner(planner.value)
-        found = find_path(self.costmap, self.start, self.goal, kind, seed=self.seed, limits=self.limits)
-        return found and (found.poses, found.gears, None, found.iterations, found.ended_by)
+def _without_path(settings: PlanSettings, seconds: float, *, is_cancelled: bool) -> PlanResult:
+    if is_cancelled:
+        reason = "the search was cancelled before a path was found"
+        return PlanResult(None, PlanError.cancelled, reason, seconds=seconds, ended_by=EndedBy.cancelled)
+    reason = f"no path found in {settings.time_limit_s:g} s: allow more time or a smaller turning radius"
+    return PlanResult(None, PlanError.timeout, reason, seconds=seconds, ended_by=EndedBy.time)

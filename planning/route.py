@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planning.footprint import Distances, Mask, is_free
+from planning.heap import pop, push
 
 FloatArray = NDArray[np.float64]
 Prices = NDArray[np.float32]
@@ -30,7 +31,7 @@ _STEPS = np.array(
 )  # fmt: skip
 _LENGTHS = np.hypot(_STEPS[:, 0], _STEPS[:, 1])
 _YAWS = np.arctan2(_STEPS[:, 0], _STEPS[:, 1]).astype(np.float64)
-_TIGHT = 10.0
+_TIGHT = 10.0  # on a metre in a direction in which the car does not fit
 _SLOPE = math.sqrt(5.0) - 2.0
 
 
@@ -61,44 +62,47 @@ def find_route(
     keys, cells, count = np.empty(4096, dtype=np.float32), np.empty(4096, dtype=np.int32), 0
     first, last = start[0] * cols + start[1], goal[0] * cols + goal[1]
     cost[first] = 0.0
-    keys, cells, count = _push(keys, cells, count, greed * _bound(start[0], start[1], goal), first)
+    keys, cells, count = push(keys, cells, count, greed * _bound(start[0], start[1], goal), first)
     while count:
         cell = cells[0]
-        count = _pop(keys, cells, count)
+        count = pop(keys, cells, count)
         if cell == last:
             return _backwards(came_by, first, last, cols)
-        row, col = cell // cols, cell % cols
         if done[cell]:
             continue
         done[cell] = True
-        here = cost[cell]
-        for step in range(16):
+        row, col = cell // cols, cell % cols
+        for step in range(len(_STEPS)):
             to_row, to_col = row + _STEPS[step, 0], col + _STEPS[step, 1]
             if not (0 <= to_row < rows and 0 <= to_col < cols):
                 continue
-            there = price[to_row, to_col]
-            if there == np.inf:
+            metre = _metre(price, row, col, step)
+            if metre == np.inf:
                 continue
-            passed = there
-            if step >= 4:
-                a = price[row + _STEPS[step, 2], col + _STEPS[step, 3]]
-                b = price[row + _STEPS[step, 4], col + _STEPS[step, 5]]
-                if a == np.inf or b == np.inf:
-                    continue
-                passed = 0.25 * (a + b) + 0.5 * there
             if room_m[to_row, to_col] < narrow_m:
                 x, y, yaw = anchors[to_row, to_col, 0], anchors[to_row, to_col, 1], _YAWS[step]
                 if not is_free(blocked, distance_m, cell_m, x, y, yaw, corners) and not is_free(
                     blocked, distance_m, cell_m, x, y, yaw + math.pi, corners
                 ):
-                    passed += _TIGHT
-            total = np.float32(here + _LENGTHS[step] * passed)
+                    metre += _TIGHT
+            total = np.float32(cost[cell] + _LENGTHS[step] * metre)
             target = to_row * cols + to_col
             if total < cost[target]:
                 cost[target] = total
                 came_by[target] = step
-                keys, cells, count = _push(keys, cells, count, total + greed * _bound(to_row, to_col, goal), target)
+                keys, cells, count = push(keys, cells, count, total + greed * _bound(to_row, to_col, goal), target)
     return np.empty((0, 2), dtype=np.int64)
+
+
+@njit(cache=True)
+def _metre(price: Prices, row: int, col: int, step: int) -> float:
+    """Return what a cell's width costs on a step out of a cell; inf where it leads into or between forbidden cells."""
+    there: float = price[row + _STEPS[step, 0], col + _STEPS[step, 1]]
+    if step < 4:
+        return there
+    one: float = price[row + _STEPS[step, 2], col + _STEPS[step, 3]]
+    other: float = price[row + _STEPS[step, 4], col + _STEPS[step, 5]]
+    return 0.25 * (one + other) + 0.5 * there
 
 
 @njit(cache=True)
@@ -126,43 +130,3 @@ def _backwards(came_by: NDArray[np.int8], first: int, last: int, cols: int) -> I
             step = came_by[cell]
             cell -= _STEPS[step, 0] * cols + _STEPS[step, 1]
     return route
-
-
-@njit(cache=True)
-def _push(
-    keys: NDArray[np.float32], cells: NDArray[np.int32], count: int, key: float, cell: int
-) -> tuple[NDArray[np.float32], NDArray[np.int32], int]:
-    """Add to a binary heap; the arrays grow where they are full."""
-    if count == len(keys):
-        more_keys, more_cells = np.empty(2 * count, dtype=np.float32), np.empty(2 * count, dtype=np.int32)
-        more_keys[:count], more_cells[:count] = keys, cells
-        keys, cells = more_keys, more_cells
-    place = count
-    while place:
-        parent = (place - 1) >> 1
-        if keys[parent] <= key:
-            break
-        keys[place], cells[place] = keys[parent], cells[parent]
-        place = parent
-    keys[place], cells[place] = key, cell
-    return keys, cells, count + 1
-
-
-@njit(cache=True)
-def _pop(keys: NDArray[np.float32], cells: NDArray[np.int32], count: int) -> int:
-    """Take the first off a binary heap; return how many are left."""
-    count -= 1
-    key, cell = keys[count], cells[count]
-    place = 0
-    while True:
-        child = 2 * place + 1
-        if child >= count:
-            break
-        if child + 1 < count and keys[child + 1] < keys[child]:
-            child += 1
-        if keys[child] >= key:
-            break
-        keys[place], cells[place] = keys[child], cells[child]
-        place = child
-    keys[place], cells[place] = key, cell
-    return count

@@ -107,14 +107,17 @@ def serve(connection_fd: int, flag_fd: int) -> None:
 
 
 def warm_up(clock: Clock) -> None:
-    """Plan once, on a small empty map, so that all that is compiled is so before the first request."""
-    grid = OccupancyGrid(np.full((60, 60), -5.0, np.float32), 0.05, np.zeros(3))
-    ends = np.array([1.0, 1.5, 0.0]), np.array([2.0, 1.5, 0.0])
+    """Plan once for each kind of map and car, around a corner, so that all is compiled before the first request."""
+    cells = np.full((80, 120), -5.0, np.float32)
+    cells[:50, 60] = 5.0
+    cells[70:, 100:] = 0.0
+    grid = OccupancyGrid(cells, 0.05, np.zeros(3))
+    ends = np.array([1.5, 1.5, 1.57]), np.array([4.5, 1.5, 0.0])
     for unknown in UnknownSpace:
         for vehicle in (Vehicle(), Vehicle(forward_only=True)):
             answers = Answers(clock)
             answers.to(NewMap(grid, vehicle, unknown), _never)
-            answers.to(Order(*ends, PlanSettings(iterations=1, time_limit_s=1.0), 1), _never)
+            answers.to(Order(*ends, PlanSettings(iterations=3, time_limit_s=1.0), 1), _never)
 
 
 class Answers:

@@ -21,7 +21,7 @@ ADAPTERS = {
     },
     "matplotlib": {"tools.plots"},
     "mcap": {"drivers.recording_mcap"},
-    "ompl": {"planning.ompl_planners", "planning.planner"},
+    "ompl": {"planning.ompl_planners"},
     "open3d": {"mapping.open3d_projection"},
     "rosbags": {
         "drivers.depth_codec",

@@ -58,7 +58,7 @@ class PlanningSection(Section):
         "car", description="car: a guided search and improvement; the others are OMPL's alone, for comparison"
     )
     budget_s: float = Field(0.3, ge=0, le=3600, description="time for finding a path and making it shorter")
-    iterations: int = Field(400, ge=1, le=10_000_000, description="the budget instead, where a seed is given")
+    iterations: int = Field(100, ge=1, le=10_000_000, description="the budget instead, where a seed is given")
     time_limit_s: float = Field(10.0, ge=0, le=3600, description="after this there is no path")
     goal_tolerance_m: float = Field(0.0, ge=0, le=100, description="how far from the goal the car may end")
     goal_tolerance_rad: float = Field(0.0, ge=0, le=3.15, description="and how much turned from it")
@@ -86,13 +86,13 @@ class PlanningSection(Section):
 
     def plan_settings(self) -> PlanSettings:
         """Return how a path is searched for."""
-        from planning.plan import Planner, PlanSettings  # loads OMPL
+        from planning.ends import GoalTolerance  # compiled code, and OMPL
+        from planning.plan import Planner, PlanSettings
 
         return PlanSettings(
             planner=Planner(self.planner),
             budget_s=self.budget_s,
             iterations=self.iterations,
             time_limit_s=self.time_limit_s,
-            goal_tolerance_m=self.goal_tolerance_m,
-            goal_tolerance_rad=self.goal_tolerance_rad,
+            tolerance=GoalTolerance(self.goal_tolerance_m, self.goal_tolerance_rad),
         )

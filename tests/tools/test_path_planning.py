@@ -127,10 +127,10 @@ def test_the_car_and_its_speed_come_from_the_configuration(planned):
 def test_an_option_comes_before_the_configuration(cli, worker, room, tmp_path):
     start, goal = in_map(1.0, 1.0, 0.0), in_map(4.0, 1.0, 0.0)
     ends = ("--start", *start, "--goal", *goal)
-    (tmp_path / "short.yaml").write_text("planning: {time_limit_s: 0}\n")
-    assert cli("plan", room, *ends, "--config", tmp_path / "short.yaml", "--time-limit", "20").code == 0
-    refused = plan_on_map(worker, room, as_pose(start), as_pose(goal), load(tmp_path / "short.yaml").planning)
-    assert refused["error"] == "TIMEOUT"
+    (tmp_path / "wide.yaml").write_text("planning: {margin_m: 2}\n")
+    assert cli("plan", room, *ends, "--config", tmp_path / "wide.yaml", "--margin", "0.01").code == 0
+    refused = plan_on_map(worker, room, as_pose(start), as_pose(goal), load(tmp_path / "wide.yaml").planning)
+    assert refused["error"] == "START_OCCUPIED"
 
 
 def test_advice_is_told_as_the_option_to_give(cli, room, planned):

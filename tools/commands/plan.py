@@ -115,7 +115,7 @@ def plan(
         ),
     ] = None,
     iterations: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="The budget with --seed.  [default: 400]")
+        int | None, typer.Option(metavar="N", min=1, help="The budget with --seed.  [default: 100]")
     ] = None,
     config_file: ConfigFile = None,
     output: Annotated[
