@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +17,7 @@ from mapping.raycast import integrate_rays
 from mapping.sensor_models import LidarModel
 
 FloatArray = NDArray[np.float64]
+_SHORT_OF_WALL = 2.0  # cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +34,15 @@ class Confidence:
 class ChangingMap:
     """A grid of a saved map's size and place; sensor readings that end outside clear up to its edge only."""
 
-    def __init__(
-        self, saved: OccupancyGrid, model: LidarModel = LidarModel(), confidence: Confidence = Confidence()
-    ) -> None:
+    def __init__(self, saved: OccupancyGrid, model: LidarModel, confidence: Confidence = Confidence()) -> None:
         self._saved = saved
         self._model = model
         self._confidence = confidence
         self._log_odds = np.clip(saved.log_odds, -confidence.free, confidence.occupied).astype(np.float32)
         self._visited = np.zeros(self._log_odds.shape, np.int32)
         self._scans = 0
+        near = cv2.dilate(saved.occupied.view(np.uint8), np.ones((3, 3), np.uint8))
+        self._near_wall = np.asarray(near > 0)
 
     def add_scan(self, sensor: FloatArray, points: FloatArray) -> tuple[int, int, int, int] | None:
         """Add points (N, 2) measured from sensor (2,), both in the map frame.
@@ -57,8 +59,14 @@ class ChangingMap:
         ranges_m = np.hypot(rays[:, 0], rays[:, 1]) * self._saved.resolution_m
         share = np.minimum(self._share_inside(start, rays), self._model.max_range_m / np.maximum(ranges_m, 1e-9))
         is_hit = share >= 1.0
-        ends = start + rays * np.minimum(share, 1.0)[:, np.newaxis]
-        ends = np.clip(ends, 0.0, np.array([cols, rows]) - 1e-6)
+        ends = np.clip(start + rays * np.minimum(share, 1.0)[:, np.newaxis], 0.0, np.array([cols, rows]) - 1e-6)
+        # A hit beside a saved wall is that wall: the place is known to a few centimetres only, and walls must not grow.
+        col, row = ends.astype(np.intp).T
+        on_wall = is_hit & self._near_wall[row, col]
+        is_hit &= ~on_wall
+        lengths = np.hypot(*(ends - start).T)
+        shortened = np.where(on_wall, np.maximum(lengths - _SHORT_OF_WALL, 0.0) / np.maximum(lengths, 1e-9), 1.0)
+        ends = start + (ends - start) * shortened[:, np.newaxis]
         self._scans += 1
         hit = self._model.hit_log_odds(ranges_m, self._saved.resolution_m)
         low, high = np.vstack([ends, start]).min(axis=0), np.vstack([ends, start]).max(axis=0)
@@ -80,5 +88,3 @@ class ChangingMap:
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(rays > 0.0, (most - start) / rays, np.where(rays < 0.0, -start / rays, np.inf))
         return np.asarray(share.min(axis=1))
-
-

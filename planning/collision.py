@@ -1,7 +1,7 @@
-"""A look ahead along what the car is about to do: where its body would touch something, in how many seconds.
+"""A look ahead along what the car is about to do: where its body would touch something, in how many metres.
 
-The exact outline, without the margin that plans keep, on the grid as it is known now; nav2's RPP does the same with
-circles of constant curvature.
+The exact outline, without the margin that plans keep, on the grid as it is known now. nav2's RPP follows the circle of
+the present command; near walls that warns of what the next command avoids, so here the follower is asked for its way.
 """
 
 from __future__ import annotations
@@ -13,14 +13,11 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.vehicle import DriveCommand
 from planning.costmap import Costmap
 from planning.errors import PlanningError
 from planning.footprint import Distances, Mask, is_free
 
 FloatArray = NDArray[np.float64]
-
-_STEP_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,60 +45,28 @@ class LookAheadSettings:
         return max(speed * self.horizon_s, braking_m, self.least_m)
 
 
-@dataclass(frozen=True, slots=True)
-class LookAhead:
-    """contact_m: driving until the body touches something, inf if not within what was looked at; so contact_s."""
+def contact_at(costmap: Costmap, poses: FloatArray) -> int | None:
+    """Return the number of the first of map-frame poses (N, 3) at which the body touches something; None if at none.
 
-    contact_m: float
-    contact_s: float
-
-    @property
-    def is_free(self) -> bool:
-        """Whether nothing is in the way."""
-        return math.isinf(self.contact_m)
-
-
-def look_ahead(
-    costmap: Costmap, pose: FloatArray, command: DriveCommand, settings: LookAheadSettings = LookAheadSettings()
-) -> LookAhead:
-    """Follow the command from a pose (3,) in the map frame, where it takes hold, over the costmap's occupied cells.
-
-    Places outside the grid are not free. A car that stands hits nothing. A car that touches something already may drive
-    on as long as it comes free again within the look: else it could never be got off a wall.
+    Places outside the grid are touched. The poses at the beginning at which the car touches something already do not
+    count where it comes free again: else it could never be got off a wall.
     """
-    speed = command.speed_mps
-    if speed == 0.0:
-        return LookAhead(math.inf, math.inf)
-    local = costmap.local(pose)
+    local = np.ascontiguousarray(costmap.local(poses))
     grid = (costmap.occupied, costmap.to_occupied_m, costmap.grid.resolution_m)
-    steps = math.ceil(settings.reach_m(speed) / _STEP_M)
-    way_m = math.copysign(_STEP_M, speed)
-    free_m = _first_contact_m(*grid, local, costmap.vehicle.body, way_m, command.curvature_1pm, steps)
-    return LookAhead(free_m, free_m / abs(speed))
+    first = int(_first_contact(*grid, local, costmap.vehicle.body))
+    return None if first < 0 else first
 
 
 @numba.njit(cache=True)
-def _first_contact_m(
-    occupied: Mask,
-    distance_m: Distances,
-    cell_m: float,
-    pose: FloatArray,
-    body: FloatArray,
-    step_m: float,
-    curvature_1pm: float,
-    steps: int,
-) -> float:
-    """Return the driving in m to the first pose on a circle at which the body is not free; inf if it is at all."""
-    x, y, yaw = pose[0], pose[1], pose[2]
-    touches = not is_free(occupied, distance_m, cell_m, x, y, yaw, body)
-    for n in range(1, steps + 1):
-        turn = step_m * curvature_1pm
-        x += step_m * math.cos(yaw + turn / 2.0)
-        y += step_m * math.sin(yaw + turn / 2.0)
-        yaw += turn
-        free = is_free(occupied, distance_m, cell_m, x, y, yaw, body)
-        if free:
-            touches = False
-        elif not touches:
-            return n * abs(step_m)
-    return 0.0 if touches else math.inf
+def _first_contact(occupied: Mask, distance_m: Distances, cell_m: float, poses: FloatArray, body: FloatArray) -> int:
+    """Return the number of the first of poses (N, 3) at which the body is not free after it was; -1 if at none.
+
+    0 where it is free at no pose.
+    """
+    was_free = False
+    for n in range(len(poses)):
+        if is_free(occupied, distance_m, cell_m, poses[n, 0], poses[n, 1], poses[n, 2], body):
+            was_free = True
+        elif was_free:
+            return n
+    return -1 if was_free or len(poses) == 0 else 0

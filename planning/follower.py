@@ -7,6 +7,7 @@ pure pursuit for robot path tracking" (2023), whose names are used: lookahead, c
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 
@@ -19,6 +20,7 @@ from planning.errors import PlanningError
 from planning.path import Path
 
 FloatArray = NDArray[np.float64]
+_WAY_STEP_M = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,6 +119,23 @@ class Follower:
         """Return the path's poses (K, 3) from where the car is, as far as most_m of driving."""
         first, last = np.searchsorted(self._marks, [self._at_m, self._at_m + most_m])
         return self._path.poses[first : last + 1]
+
+    def way(self, pose: FloatArray, speed_mps: float, reach_m: float, clearance_m: float = math.inf) -> FloatArray:
+        """Return the poses (K, 3), about 2 cm apart, that the car is going to take on its stretch, as far as reach_m.
+
+        The steering is taken to follow at once. The follower stays as it is.
+        """
+        ghost = copy(self)
+        poses, driven_m, gear = [pose], 0.0, int(self._path.direction[self._begin])
+        while driven_m < reach_m:
+            step = ghost.step(poses[-1], speed_mps, 0.0, clearance_m)
+            if step.status is not FollowerStatus.driving or step.command.speed_mps == 0.0:
+                break
+            speed_mps = step.command.speed_mps
+            way_m = gear * _WAY_STEP_M
+            poses.append(se2.compose(poses[-1], se2.exp(np.array([way_m, 0.0, way_m * step.command.curvature_1pm]))))
+            driven_m += _WAY_STEP_M
+        return np.array(poses)
 
     def step(self, pose: FloatArray, speed_mps: float, now_s: float, clearance_m: float = math.inf) -> FollowerStep:
         """Return what to command at a pose (3,) in the map frame; clearance_m: from the car's edge to what is near.

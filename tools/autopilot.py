@@ -19,12 +19,12 @@ from mapping.grid import OccupancyGrid
 from mapping.map_tracking import MapTracker, TrackingSettings
 from mapping.reference_map import reference_map
 from mapping.relocalisation import Located
+from mapping.sensor_models import LidarModel
 from mapping.slam import MappedScan
-from planning.collision import LookAheadSettings, look_ahead
+from planning.collision import LookAheadSettings, contact_at
 from planning.costmap import Costmap, UnknownSpace, costmap
 from planning.costmap_update import Window, update
 from planning.follower import Follower, FollowerSettings, FollowerStatus, FollowerStep
-from planning.footprint import poses_are_free
 from planning.motion_prediction import MotionModel, MotionPrediction
 from planning.path import Path, SpeedLimits
 from planning.plan import PlanResult
@@ -32,6 +32,7 @@ from planning.safety import SafeCommand, SafetyLimits, SafetyStage, Stamps
 from planning.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
+_SAME_PLACE_M = 0.05
 PlanPath = Callable[[Costmap, FloatArray, FloatArray], PlanResult]
 """(Costmap, start (3,), goal (3,)) to a plan."""
 
@@ -50,13 +51,15 @@ class AutopilotState(str, Enum):
 class AutopilotSettings:
     """margins_m: room to keep from walls, the first that leaves a path counts. check_m: how far ahead the path is
     checked on the map of today, with at least check_margin_m. pause_s: standing before a new plan, so that several
-    scans see what is in the way; tries: plans without a path before it gives up.
+    scans see what is in the way; tries: plans in one place that lead nowhere before it gives up. obstacle_range_m: what
+    is farther away is not taken for something new: a degree of heading is 7 cm there.
     """
 
     margins_m: tuple[float, ...] = (0.04, 0.02, 0.0)
     check_m: float = 2.5
     pause_s: float = 0.6
     tries: int = 3
+    obstacle_range_m: float = 4.0
     unknown: UnknownSpace = UnknownSpace.forbidden
     speed: SpeedLimits = SpeedLimits()
     motion: MotionModel = MotionModel()
@@ -99,13 +102,15 @@ class Autopilot:
         self.place: Located | None = None
         self._settings, self._goal, self._plan_path, self._sensor = settings, goal, plan_path, sensor
         self._locating = _Locating(saved, guess, sensor, settings.tracking)
-        self._map = ChangingMap(saved)
+        self._map = ChangingMap(saved, LidarModel(max_range_m=settings.obstacle_range_m))
         self._costmap = costmap(self._map.grid(), replace(vehicle, margin_m=settings.margins_m[0]), settings.unknown)
         self._prediction = MotionPrediction(settings.motion)
         self._follower: Follower | None = None
+        self._left: Follower | None = None
         self._blocked = ""
         self._stood_s: float | None = None
         self._failed = 0
+        self._tried_at: FloatArray | None = None
         self._scan_s: float | None = None
 
     def note_scan(self, stamp_s: float) -> None:
@@ -124,9 +129,9 @@ class Autopilot:
         if changed is not None:
             self._costmap = update(self._costmap, self._map.grid(), Window(*changed))
         if self._follower is not None and not self._blocked:
-            at_m = self._first_obstacle_m(self._follower.ahead(self._settings.check_m))
-            if at_m is not None:
-                self._blocked = f"something on the path, {at_m:.1f} m ahead"
+            hit = contact_at(self._costmap, self._follower.ahead(self._settings.check_m))
+            if hit is not None:
+                self._blocked = f"something on the path, {0.01 * hit:.1f} m ahead"
                 self.notes.append((place.stamp_ns * 1e-9, self._blocked))
 
     def tick(self, now_s: float) -> SafeCommand:
@@ -145,25 +150,31 @@ class Autopilot:
             return STANDSTILL
         if self.state is AutopilotState.planning:
             self._plan_when_standing(pose, speed_mps, now_s)
-        if self._follower is None:
-            return STANDSTILL
-        return self._follow(self._follower, pose, speed_mps, now_s)
+        if self._follower is not None:
+            return self._follow(self._follower, pose, speed_mps, now_s)
+        if self._left is not None:  # it brakes on the path that it leaves
+            return DriveCommand(0.0, self._left.step(pose, speed_mps, now_s).command.curvature_1pm)
+        return STANDSTILL
 
     def _follow(self, follower: Follower, pose: FloatArray, speed_mps: float, now_s: float) -> DriveCommand:
         clearance_m = self._costmap.clearance_m(pose[np.newaxis])
         step = follower.step(pose, speed_mps, now_s, clearance_m)
-        ahead = look_ahead(self._costmap, pose, step.command, self._settings.look_ahead)
+        reach_m = self._settings.look_ahead.reach_m(max(abs(speed_mps), abs(step.command.speed_mps)))
+        way = follower.way(pose, speed_mps, reach_m, clearance_m)
+        contact = contact_at(self._costmap, way) if step.command.speed_mps else None
         if self._blocked:
             step = step.blocked(self._blocked)
-        elif not ahead.is_free:
-            step = step.blocked(f"contact in {ahead.contact_m:.2f} m")
+        elif contact is not None:
+            way_m = float(np.hypot(*np.diff(way[: contact + 1, :2], axis=0).T).sum())
+            step = step.blocked(f"contact in {way_m:.2f} m")
             self.notes.append((now_s, step.reason))
         self.step = step
         if step.status is FollowerStatus.arrived:
             self.state = AutopilotState.arrived
         elif step.status in (FollowerStatus.blocked, FollowerStatus.off_path):
             self._blocked = step.reason
-            self.state, self._follower, self._stood_s = AutopilotState.planning, None, None
+            self.state, self._stood_s = AutopilotState.planning, None
+            self._follower, self._left = None, follower
         return step.command
 
     def _plan_when_standing(self, pose: FloatArray, speed_mps: float, now_s: float) -> None:
@@ -175,14 +186,19 @@ class Autopilot:
         if now_s - self._stood_s < self._settings.pause_s:
             return
         path, words = self._plan(pose)
-        if path is not None:
+        tried = self._tried_at is not None and float(np.hypot(*(pose - self._tried_at)[:2])) < _SAME_PLACE_M
+        self._tried_at = pose
+        self._failed = self._failed if tried else 0
+        if path is not None and tried:
+            self._failed += 1  # a path was found here before, and could not be followed
+        if path is not None and self._failed < self._settings.tries:
             self._follower = Follower(path.at_speed(self._settings.speed), self._settings.follower)
             self.drives.append(Drive(now_s, path, self._blocked or "set out"))
-            self.state, self._blocked, self._failed = AutopilotState.driving, "", 0
+            self.state, self._blocked = AutopilotState.driving, ""
             return
         self._failed += 1
         self._stood_s = None
-        self.notes.append((now_s, words))
+        self.notes.append((now_s, words or "no path can be followed from here"))
         if self._failed >= self._settings.tries:
             self.state = AutopilotState.no_way
 
@@ -198,14 +214,6 @@ class Autopilot:
                 return result.path, ""
             words = words or result.reason
         return None, words
-
-    def _first_obstacle_m(self, poses: FloatArray) -> float | None:
-        """Return how far along poses (K, 3) the car's body would touch something; None where it would not."""
-        known = self._costmap
-        local = np.ascontiguousarray(known.local(poses))
-        grid = (known.occupied, known.to_occupied_m, known.grid.resolution_m)
-        hit = int(poses_are_free(*grid, local, known.vehicle.body))
-        return None if hit < 0 else 0.01 * hit
 
 
 class _Locating:

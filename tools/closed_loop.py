@@ -1,4 +1,4 @@
-"""The whole loop on simulated time: a world, lidar bytes, decoder, SLAM, autopilot, and the car that its commands move."""
+"""The whole loop on simulated time: world, lidar bytes, decoder, SLAM, autopilot, and the car that its commands move."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.emulated_faults import FaultScript
 from drivers.emulated_link import EmulatedLink, SimulatedClock
-from drivers.faulty_line import FaultyLine
+from drivers.errors import DeviceLostError
 from drivers.messages import LaserScan, RawChunk
 from drivers.rplidar import connect
 from drivers.rplidar_emulated_scan import Ranger
@@ -28,43 +27,51 @@ FloatArray = NDArray[np.float64]
 START_NS = 1_000_000_000
 _TICK_NS = 50_000_000  # between commands
 _READ_NS = 10_000_000
+_AFTER_NS = 500_000_000
 _MODEL = "A2M8"
 
 
 class EmulatedScans:
-    """Scans of an emulated RPLIDAR by its bytes, on a simulated clock; script: what goes wrong with it."""
+    """Scans of an emulated RPLIDAR by its bytes, on a simulated clock that the caller moves."""
 
-    def __init__(self, ranger: Ranger, clock: SimulatedClock, script: FaultScript | None = None) -> None:
+    def __init__(self, ranger: Ranger, clock: SimulatedClock) -> None:
         model = MODELS[_MODEL]
-        script = script or FaultScript()
-        self._clock = clock
-        self._line = FaultyLine(RplidarEmulator(model, ranger, script=script), script, model.baud)
+        device = RplidarEmulator(model, ranger)
         links: list[EmulatedLink] = []
 
         def open_link(baud: int) -> EmulatedLink:
-            links.append(EmulatedLink(self._line, clock, model.baud, baud))
+            links.append(EmulatedLink(device, clock, model.baud, baud))
             return links[-1]
 
+        self._clock = clock
         self._lidar = connect(open_link, clock=clock, sleep=clock.sleep)
         self._decoding = LidarDecoding()
         self._decoding.feed(self._lidar.start())
         self._link = links[-1]
 
+    def unplug(self) -> None:
+        """From now on nothing comes."""
+        self._link.unplug()
+
     def read(self) -> list[LaserScan]:
-        """Return the scans that are complete by now."""
-        data = self._link.read(0.0)
+        """Return the scans that are complete by now; none from a lidar that is lost."""
+        try:
+            data = self._link.read(0.0)
+        except DeviceLostError:
+            return []
         found = self._decoding.feed(RawChunk(self._clock(), data)) if data else []
         return [scan for scan in found if isinstance(scan, LaserScan)]
 
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """What was commanded when, and how far along which path the follower thought the car was."""
+    """What was commanded when, and how far along which path, if it followed one, the follower thought the car was."""
 
     now_s: float
     safe: SafeCommand
     path: int
     progress_m: float
+    following: bool
     state: AutopilotState
 
 
@@ -89,19 +96,22 @@ class ClosedLoop:
         autopilot: Autopilot,
         config: Config,
         *,
-        script: FaultScript | None = None,
         disturb: Callable[[float], None] = lambda _: None,
     ) -> None:
         self.log = LoopLog()
         self.deaf_to_poses = False
         self._world, self._autopilot, self._disturb = world, autopilot, disturb
         self._clock = SimulatedClock(START_NS)
-        self._scans = EmulatedScans(world, self._clock, script)
+        self._scans = EmulatedScans(world, self._clock)
         quick = config.with_slam(loop_closure=False, refine=False, scan_every=None)
         self._flow = MappingFlow(quick, config.mount())
 
-    def run(self, most_s: float, after_s: float = 0.5) -> None:
-        """Drive until it has arrived, found no way, or most_s are over; then let after_s pass."""
+    def unplug_lidar(self) -> None:
+        """Take the lidar away."""
+        self._scans.unplug()
+
+    def run(self, most_s: float, until: Callable[[float], bool] = lambda _: False) -> None:
+        """Drive for most_s, until(now_s), or half a second longer than it took to arrive or to find no way."""
         end_ns = self._clock() + round(most_s * 1e9)
         next_ns = self._clock()
         while self._clock() < end_ns:
@@ -110,9 +120,10 @@ class ClosedLoop:
             if self._clock() >= next_ns:
                 next_ns += _TICK_NS
                 self._tick()
-                ended = self._autopilot.state in (AutopilotState.arrived, AutopilotState.no_way)
-                if ended and end_ns > self._clock() + round(after_s * 1e9):
-                    end_ns = self._clock() + round(after_s * 1e9)
+                if self._autopilot.state in (AutopilotState.arrived, AutopilotState.no_way):
+                    end_ns = min(end_ns, self._clock() + _AFTER_NS)
+                if until(self._clock() * 1e-9):
+                    break
             self._clock.now_ns += _READ_NS
         self._world.advance(self._clock())
 
@@ -137,4 +148,6 @@ class ClosedLoop:
         step = self._autopilot.step
         progress_m = 0.0 if step is None else step.progress_m
         drives = len(self._autopilot.drives)
-        self.log.ticks.append(Tick(now_ns * 1e-9, safe, drives - 1, progress_m, self._autopilot.state))
+        following = self._autopilot.state is AutopilotState.driving and step is not None
+        tick = Tick(now_ns * 1e-9, safe, drives - 1, progress_m, following, self._autopilot.state)
+        self.log.ticks.append(tick)

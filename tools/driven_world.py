@@ -77,7 +77,9 @@ class DrivenWorld:
         self.advance(int(times_ns.max()))
         first = max(len(self._stamps_ns) - 3 - int((self._stamps_ns[-1] - times_ns.min()) // _STEP_NS), 0)
         stamps, poses = np.array(self._stamps_ns[first:]), np.array(self._poses[first:])
-        x, y, yaw = (np.interp(times_ns, stamps, column) for column in (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2])))
+        x, y, yaw = (
+            np.interp(times_ns, stamps, column) for column in (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]))
+        )
         sensor = se2.compose(np.column_stack([x, y, yaw]), self._mount.pose)
         bearings = theta_cw_rad if self._mount.inverted else -theta_cw_rad
         ranges = self.world.ranges(sensor, bearings, _RANGE_M)
