@@ -1,6 +1,7 @@
 """A saved map that goes on learning: what stands in the way today is marked, what is gone is cleared.
 
-The saved evidence counts, but no more than a few scans can outweigh: it is weeks old, and a box on the way is not on it.
+The saved evidence counts, but no more than a few scans can outweigh: it may be weeks old, and a box on the way is not
+on it.
 """
 
 from __future__ import annotations

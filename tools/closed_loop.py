@@ -1,4 +1,4 @@
-"""The whole loop on simulated time: world, lidar bytes, decoder, SLAM, autopilot, and the car that its commands move."""
+"""The whole loop on simulated time: world, lidar bytes, decoder, SLAM, autopilot, and the car that is commanded."""
 
 from __future__ import annotations
 

@@ -339,12 +339,10 @@ def table_of(report: Report) -> list[str]:
         median_cm, most_cm = report["cross_track_m_median"] * 100, report["cross_track_m_p95"] * 100
         within = f"{ARRIVED_M:g} m and {math.degrees(ARRIVED_RAD):.0f} deg"
         allowed = f"{CROSS_TRACK_M * 100:.0f} cm allowed"
-        lines = [
-            f"{report['arrived']} of {report['drives']} drives arrived within {within}"
-             f" (farthest {goal_m:.3f} m, {goal_deg:.1f} deg)",
-            f"largest cross-track error of a drive: median {median_cm:.1f} cm, 95th percentile {most_cm:.1f} cm"
-             f" ({allowed})",
-        ]
+        farthest = f"farthest {goal_m:.3f} m, {goal_deg:.1f} deg"
+        beside = f"median {median_cm:.1f} cm, 95th percentile {most_cm:.1f} cm ({allowed})"
+        lines.append(f"{report['arrived']} of {report['drives']} drives arrived within {within} ({farthest})")
+        lines.append(f"largest cross-track error of a drive: {beside}")
     for name, part in report["stops"].items():
         if part["drives"]:
             slowest_s = max(row["command_s"] for row in part["rows"])

@@ -161,3 +161,15 @@ def test_settings_without_sense_are_refused():
         FollowerSettings(near_m=0.0)
     with pytest.raises(PlanningError, match="without poses"):
         Follower(path_along(np.zeros((0, 3))))
+
+
+@pytest.mark.parametrize("name", list(PATHS))
+def test_the_way_that_is_foretold_is_the_way_that_is_driven(name):
+    path = path_along(*arcs(*PATHS[name]))
+    _, driven, _, _ = drive(path)
+    follower = Follower(path)
+    before = follower.progress_m
+    way = follower.way(path.poses[0], 0.05, 0.6)
+    assert follower.progress_m == before
+    assert len(way) > 25
+    assert max(float(np.hypot(*(driven[:, :2] - pose[:2]).T).min()) for pose in way) < 0.02
