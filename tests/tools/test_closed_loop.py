@@ -89,7 +89,7 @@ def test_without_scans_the_car_stops_and_says_why(room):
             lost.append(now_s)
             closed.unplug_lidar()
 
-    closed, pilot, world = loop(room, disturb=unplug)
+    closed, _, world = loop(room, disturb=unplug)
     closed.run(60.0, until=lambda now_s: bool(lost) and now_s > lost[0] + 1.5)
     assert world.truth[2][-1] == 0.0
     assert "s old" in closed.log.ticks[-1].safe.reason
