@@ -82,7 +82,7 @@ def contacts(truth: TrueDrive, world: World, vehicle: Vehicle, since_s: float = 
 class Stop:
     """After an event: s until the zero-speed command left, and until the car stood; inf where it never did.
 
-    speed_mps: the car's at the event.
+    speed_mps: the fastest since the command left, which the car must brake from.
     """
 
     command_s: float
@@ -103,5 +103,5 @@ def stop_after(truth: TrueDrive, ticks: list[Tick], event_s: float) -> Stop:
     rolling = np.flatnonzero(np.abs(truth.speeds_mps) > _STANDING_MPS)
     last = int(rolling[-1]) if len(rolling) else 0
     stood_s = np.inf if last + 1 >= len(truth.stamps_s) else float(truth.stamps_s[last + 1])
-    speed_mps = float(np.abs(truth.speeds_mps[truth.at(event_s)]))
+    speed_mps = float(np.abs(truth.speeds_mps[truth.at(min(zero, truth.stamps_s[-1])) :]).max())
     return Stop(float(zero - event_s), max(0.0, stood_s - event_s), speed_mps)

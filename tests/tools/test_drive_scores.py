@@ -70,12 +70,13 @@ def test_a_wall_that_the_body_reaches_is_a_contact():
 
 def test_a_stop_counts_from_the_event_to_the_last_motion():
     truth = straight()
+    truth.speeds_mps[:210] = 0.2
     truth.speeds_mps[250:] = 0.0
     ticks = [tick(t, 0.5 if t < 2.18 else 0.0) for t in np.arange(0.0, 4.0, 0.05)]
     stop = stop_after(truth, ticks, 2.0)
     assert stop.command_s == pytest.approx(0.2)
     assert stop.stood_s == pytest.approx(0.5)
-    assert stop.speed_mps == 0.5
+    assert stop.speed_mps == 0.5  # it brakes from that, however slow it was at the event
     assert stop.in_time(0.6, 1.5, 0.1)
     assert not stop.in_time(0.1, 1.5, 0.1)
     assert not stop.in_time(0.6, 10.0, 0.1)
