@@ -43,8 +43,8 @@ CROSS_TRACK_M = 0.06
 STOP_S = 0.6
 _TOLD_M, _TOLD_RAD = 0.05, 0.05  # standard deviation of what the car is told about where it starts
 _ROOM_M = 0.05  # around start and goal
-# Ends lie so near to where the map was made. Of a room that was only looked into through its door, the map has the outer
-# faces of its walls alone. Localisation takes the inner ones for them: it is off by their thickness, 0.12 m here.
+# Ends lie so near to where the map was made. Of a room that was only looked into through its door, the map has the
+# outer faces of its walls alone. Localisation takes the inner ones for them: it is off by their thickness, 0.12 m.
 _FAMILIAR_M = 0.8
 _LENGTH_M = (2.0, 8.0)  # as the crow flies
 _MOST_S = 150.0

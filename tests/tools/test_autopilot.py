@@ -37,13 +37,13 @@ def scan(stamp_ns, pose):
     to_y = np.where(sin > 0, 3.975 - pose[1], 0.025 - pose[1]) / np.where(np.abs(sin) < 1e-9, 1e-9, sin)
     ranges = np.minimum(np.abs(to_x), np.abs(to_y))
     points = np.column_stack([pose[0] + ranges * cos, pose[1] + ranges * sin])
-    match = ScanMatch(pose, True, "")  # type: ignore[call-arg]
+    match = ScanMatch(pose, np.zeros(3), accepted=True)
     return MappedScan(stamp_ns, pose, match, se2.transform_points(se2.inverse(pose), points), False, False)
 
 
 def straight(known, start, goal):
-    line = np.column_stack([np.arange(start[0], goal[0], 0.01)] + [np.full(len(np.arange(start[0], goal[0], 0.01)), v) for v in (start[1], 0.0)])
-    return PlanResult(path_along(line), None, "")
+    x = np.arange(start[0], goal[0], 0.01)
+    return PlanResult(path_along(np.column_stack([x, np.full(len(x), start[1]), np.zeros(len(x))])), None, "")
 
 
 def no_path(known, start, goal):
@@ -60,3 +60,56 @@ def stand(pilot, seconds, scans=True):
             pilot.add_scan(scan(round(now_s * 1e9), START))
         commands.append(pilot.tick(now_s))
     return commands
+
+
+def pilot_with(saved, planner, told=START):
+    return Autopilot(saved, Vehicle(), told, GOAL, planner, NO_SENSOR_OFFSET)
+
+
+def test_nothing_moves_before_the_car_knows_where_it_is(saved):
+    pilot = pilot_with(saved, straight)
+    assert all(safe.command == STANDSTILL for safe in stand(pilot, 1.0, scans=False))
+    assert pilot.state is AutopilotState.locating
+    assert "no pose yet" in pilot.tick(2.0).reason
+
+
+def test_it_finds_its_place_from_what_it_was_told_and_sets_out(saved):
+    pilot = pilot_with(saved, straight, told=START + np.array([0.05, -0.05, 0.04]))
+    commands = stand(pilot, 2.0)
+    assert pilot.place is not None
+    np.testing.assert_allclose(pilot.place.T_map_base, START, atol=0.02)
+    assert pilot.state is AutopilotState.driving
+    assert commands[0].command.speed_mps == 0.0
+    assert commands[-1].command.speed_mps > 0.0
+    assert [drive.reason for drive in pilot.drives] == ["set out"]
+
+
+def test_without_a_path_it_says_so_after_a_few_tries(saved):
+    pilot = pilot_with(saved, no_path)
+    commands = stand(pilot, 5.0)
+    assert pilot.state is AutopilotState.no_way
+    assert [text for _, text in pilot.notes] == ["there is none"] * 3
+    assert all(safe.command.speed_mps == 0.0 for safe in commands)
+
+
+def test_a_path_into_a_wall_is_not_followed(saved):
+    def into_the_wall(known, start, goal):
+        return straight(known, start, np.array([5.5, 1.2, 0.0]))
+
+    pilot = Autopilot(saved, Vehicle(), np.array([4.4, 1.2, 0.0]), GOAL, into_the_wall, NO_SENSOR_OFFSET)
+    for n in range(80):
+        now_s = 1.0 + 0.05 * n
+        if n % 2 == 0:
+            pilot.note_scan(now_s)
+            pilot.add_scan(scan(round(now_s * 1e9), np.array([4.4, 1.2, 0.0])))
+        pilot.tick(now_s)
+    assert any("on the path" in text or "contact" in text for _, text in pilot.notes)
+
+
+def test_an_emergency_stop_goes_before_everything(saved):
+    pilot = pilot_with(saved, straight)
+    stand(pilot, 2.0)
+    pilot.safety.emergency_stop("pressed")
+    safe = pilot.tick(3.0)
+    assert safe.stopped
+    assert safe.command.speed_mps == 0.0

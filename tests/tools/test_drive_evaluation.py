@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mapping.grid import OccupancyGrid
 from mapping import se2
+from mapping.grid import OccupancyGrid
 from tools.drive_evaluation import Bench, Mapped, table_of
 
 
