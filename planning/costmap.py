@@ -93,9 +93,14 @@ class Costmap:
 
     def all_fit(self, poses: FloatArray) -> bool:
         """Whether the car with its margin fits at each map-frame pose (N, 3)."""
+        return self.first_misfit(poses) is None
+
+    def first_misfit(self, poses: FloatArray) -> int | None:
+        """Return the number of the first map-frame pose (N, 3) at which the car with its margin does not fit."""
         local = np.ascontiguousarray(self.local(poses))
         arguments = (self.blocked, self.to_blocked_m, self.grid.resolution_m, local, self.vehicle.corners)
-        return int(poses_are_free(*arguments)) < 0
+        number = int(poses_are_free(*arguments))
+        return None if number < 0 else number
 
     def clearance_m(self, poses: FloatArray) -> float:
         """Return the least distance in m of the car's body at map-frame poses (N, 3), N >= 1, to an occupied cell.

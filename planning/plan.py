@@ -34,16 +34,23 @@ class Planner(str, Enum):
 class PlanSettings:
     """budget_s: how long after its start a search with a path in hand goes on to shorten it.
 
-    iterations: the same where a seed is given. time_limit_s: the end of any search. goal_tolerance_m and _rad: how far
-    a goal that does not fit may be moved, and how much turned.
+    iterations: the same where a seed is given. time_limit_s: the end of any search. tolerance: how far a goal that does
+    not fit may be moved.
     """
 
     planner: Planner = Planner.car
     budget_s: float = 0.3
-    iterations: int = 400
+    iterations: int = 200
     time_limit_s: float = 10.0
-    goal_tolerance_m: float = 0.0
-    goal_tolerance_rad: float = 0.0
+    tolerance: GoalTolerance = GoalTolerance()
+
+
+class Kept(str, Enum):
+    """What a new path has of an earlier one (see `replan`)."""
+
+    nothing = "nothing"
+    ends = "ends"
+    all = "all"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +58,8 @@ class PlanResult:
     """The path, or the error with its reason; advice (3,) is the nearest pose that would do instead, where known.
 
     min_clearance_m: from the car's edge to the nearest occupied cell's edge, inf on a map without any. first_path_s and
-    seconds: from the request to the first path and to the end. ended_by: why the search went no further.
+    seconds: from the request to the first path and to the end. ended_by: why the search went no further; None where
+    there was none. kept: what the path has of an earlier one.
     """
 
     path: Path | None
@@ -63,9 +71,11 @@ class PlanResult:
     seconds: float = 0.0
     iterations: int = 0
     ended_by: EndedBy | None = None
+    kept: Kept = Kept.nothing
 
 
-def _never() -> bool:
+def never() -> bool:
+    """What to pass as `cancelled` for a search that nobody cancels."""
     return False
 
 
@@ -77,7 +87,7 @@ def plan(
     *,
     seed: int | None,
     clock: Callable[[], float],
-    cancelled: Callable[[], bool] = _never,
+    cancelled: Callable[[], bool] = never,
 ) -> PlanResult:
     """Plan from start (3,) to goal (3,), poses of base_link in the map frame. clock gives seconds.
 
@@ -89,8 +99,7 @@ def plan(
     for name, pose in (("start", start), ("goal", goal)):
         if not np.isfinite(pose).all():
             raise PlanningError(f"{name}: {pose.tolist()} is not a finite pose: give x and y in m and yaw in rad")
-    tolerance = GoalTolerance(settings.goal_tolerance_m, settings.goal_tolerance_rad)
-    ends = check_ends(costmap, start, goal, tolerance)
+    ends = check_ends(costmap, start, goal, settings.tolerance)
     if ends.error is not None:
         return PlanResult(None, ends.error, ends.reason, advice=ends.advice, seconds=clock() - started_s)
     before_s = clock() - started_s

@@ -18,15 +18,26 @@ from planning.costmap import UnknownSpace
 from planning.costmap_update import Window
 from planning.ends import PlanError
 from planning.errors import PlanningError, WorkerError
+from planning.path import Path
 from planning.plan import PlanResult, PlanSettings
 from planning.vehicle import Vehicle
 from planning.worker_link import LateError, WorkerLink
-from planning.worker_process import ChangedWindow, Clock, MapReady, NewMap, Order, Request, WarmUp
+from planning.worker_process import (
+    ChangedWindow,
+    Clock,
+    MapReady,
+    NewMap,
+    Order,
+    Renewal,
+    Request,
+    Search,
+    WarmUp,
+)
 
 FloatArray = NDArray[np.float64]
 
 GRACE_S = 1.0  # beyond the time limit, before a search that does not end is killed
-_START_S, _MAP_S = 300.0, 120.0  # compiling on a small computer; the largest maps
+_START_S, _MAP_S = 600.0, 120.0  # compiling on a small computer; the largest maps
 
 
 class WorkerState(str, Enum):
@@ -117,15 +128,22 @@ class PlanningWorker(Closing):
         CANCELLED after `cancel`; TIMEOUT also where the search did not end by itself. Raises WorkerError where the
         process died, PlanningError for what is no request.
         """
-        with self._conversation() as link:
-            number = self._next_number()
-            with self._cancelling:
-                self._searching = number
-            try:
-                return self._planned(link, number, Order(start, goal, settings, seed))
-            finally:
-                with self._cancelling:
-                    self._searching = None
+        return self._search(Order(start, goal, settings, seed))
+
+    def replan(
+        self,
+        path: Path,
+        progress: int,
+        settings: PlanSettings,
+        *,
+        car: FloatArray | None = None,
+        seed: int | None = None,
+    ) -> PlanResult:
+        """Return what is left of a path, mended where the map that was set now blocks it, as `replan.replan` does.
+
+        Otherwise as `plan`.
+        """
+        return self._search(Renewal(path, progress, car, settings, seed))
 
     def cancel(self) -> None:
         """End the search that is going on in another thread, if any; later ones are not affected."""
@@ -169,7 +187,18 @@ class PlanningWorker(Closing):
                 self._kill()
                 raise
 
-    def _planned(self, link: WorkerLink, number: int, order: Order) -> PlanResult:
+    def _search(self, search: Search) -> PlanResult:
+        with self._conversation() as link:
+            number = self._next_number()
+            with self._cancelling:
+                self._searching = number
+            try:
+                return self._planned(link, number, search)
+            finally:
+                with self._cancelling:
+                    self._searching = None
+
+    def _planned(self, link: WorkerLink, number: int, search: Search) -> PlanResult:
         """Send a search and wait for its end, whichever that is."""
         try:
             _started_in_time(link, number)
@@ -177,15 +206,15 @@ class PlanningWorker(Closing):
                 self._send_map(link, number)
         except LateError:
             return _cancelled()  # what the process is doing now is still of use
-        link.send(number, order)
+        link.send(number, search)
         try:
-            answer = link.answer(number, order.settings.time_limit_s + GRACE_S, number)
+            answer = link.answer(number, search.settings.time_limit_s + GRACE_S, number)
         except LateError as error:
             self._kill()
             self._link = self._started()
             if error.cancelled:
                 return _cancelled()
-            limit_s = order.settings.time_limit_s
+            limit_s = search.settings.time_limit_s
             reason = f"the search did not end {GRACE_S:g} s after its limit of {limit_s:g} s and was killed"
             return PlanResult(None, PlanError.timeout, reason)
         assert isinstance(answer, PlanResult)

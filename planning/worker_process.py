@@ -22,8 +22,11 @@ from mapping.grid import LogOdds, OccupancyGrid
 from planning.cancel_flag import CancelFlag
 from planning.costmap import Costmap, UnknownSpace, costmap
 from planning.costmap_update import Window, update
+from planning.ends import GoalTolerance
 from planning.errors import PlanningError
-from planning.plan import PlanResult, PlanSettings, plan
+from planning.path import Path
+from planning.plan import Planner, PlanResult, PlanSettings, never, plan
+from planning.replan import replan
 from planning.vehicle import Vehicle
 
 FloatArray = NDArray[np.float64]
@@ -58,6 +61,20 @@ class Order:
     seed: int | None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Renewal:
+    """What is left of a path on the latest map, from its pose number `progress`; car (3,): where the car is, or None.
+
+    As `replan` takes them.
+    """
+
+    path: Path
+    progress: int
+    car: FloatArray | None
+    settings: PlanSettings
+    seed: int | None
+
+
 @dataclass(frozen=True, slots=True)
 class WarmUp:
     """seconds from the start of the process until it could plan; kernels_s: of that, to compile or load kernels."""
@@ -81,7 +98,8 @@ class Refusal:
     foreseen: bool
 
 
-Request = NewMap | ChangedWindow | Order
+Search = Order | Renewal
+Request = NewMap | ChangedWindow | Search
 Answer = WarmUp | MapReady | PlanResult | Refusal
 
 
@@ -107,17 +125,33 @@ def serve(connection_fd: int, flag_fd: int) -> None:
 
 
 def warm_up(clock: Clock) -> None:
-    """Plan once for each kind of map and car, around a corner, so that all is compiled before the first request."""
-    cells = np.full((80, 120), -5.0, np.float32)
+    """Ask once for each kind of answer, map and car, so that all is compiled before the first request."""
+    cells = np.full((120, 240), -5.0, np.float32)
     cells[:50, 60] = 5.0
-    cells[70:, 100:] = 0.0
+    cells[70:, 100:120] = 0.0
+    cells[10, 10] = 0.0
     grid = OccupancyGrid(cells, 0.05, np.zeros(3))
-    ends = np.array([1.5, 1.5, 1.57]), np.array([4.5, 1.5, 0.0])
+    start, goal, outside = np.array([1.5, 1.5, 1.57]), np.array([4.5, 1.5, 0.0]), np.array([-9.0, 1.5, 0.0])
+    walled, patient = np.array([3.0, 1.5, 0.0]), PlanSettings(iterations=3, time_limit_s=60.0)
+    tolerant = PlanSettings(tolerance=GoalTolerance(0.3, 0.3), time_limit_s=0.0)  # its goal, and no search for it
+    ompl = replace(patient, planner=Planner.rrt_connect)
+    wall, window = np.full((120, 1), 5.0, np.float32), Window(0, 180, 120, 181)
+    requests: list[Request] = [
+        Order(start, goal, patient, 1),
+        Order(start, goal, ompl, 1),
+        Order(start, walled, tolerant, 1),
+        Order(start, walled, patient, 1),
+        Order(outside, goal, patient, 1),
+        ChangedWindow(window, wall),
+        Order(start, np.array([11.0, 1.5, 0.0]), patient, 1),
+        ChangedWindow(window, np.full_like(wall, -5.0)),
+    ]
     for unknown in UnknownSpace:
         for vehicle in (Vehicle(), Vehicle(forward_only=True)):
             answers = Answers(clock)
-            answers.to(NewMap(grid, vehicle, unknown), _never)
-            answers.to(Order(*ends, PlanSettings(iterations=3, time_limit_s=1.0), 1), _never)
+            answers.to(NewMap(grid, vehicle, unknown), never)
+            for request in requests:
+                answers.to(request, never)
 
 
 class Answers:
@@ -131,8 +165,8 @@ class Answers:
         """Return the answer; whatever goes wrong is an answer too."""
         started_s = self._clock()
         try:
-            if isinstance(request, Order):
-                return self._plan(request, cancelled)
+            if isinstance(request, Search):
+                return self._searched(request, cancelled)
             known, self._costmap = self._costmap, None  # rather none than an old one, should this fail
             if isinstance(request, NewMap):
                 self._costmap = costmap(request.grid, request.vehicle, request.unknown)
@@ -144,10 +178,13 @@ class Answers:
             return Refusal(traceback.format_exc(), foreseen=False)
         return MapReady(self._clock() - started_s)
 
-    def _plan(self, order: Order, cancelled: Callable[[], bool]) -> PlanResult:
-        known = _required(self._costmap)
-        arguments = (known, order.start, order.goal, order.settings)
-        return plan(*arguments, seed=order.seed, clock=self._clock, cancelled=cancelled)
+    def _searched(self, search: Search, cancelled: Callable[[], bool]) -> PlanResult:
+        known, settings, seed = _required(self._costmap), search.settings, search.seed
+        if isinstance(search, Order):
+            ends = (search.start, search.goal)
+            return plan(known, *ends, settings, seed=seed, clock=self._clock, cancelled=cancelled)
+        left = (search.path, search.progress)
+        return replan(known, *left, settings, car=search.car, seed=seed, clock=self._clock, cancelled=cancelled)
 
 
 def _required(known: Costmap | None) -> Costmap:
@@ -160,10 +197,6 @@ def _changed(known: Costmap, change: ChangedWindow) -> Costmap:
     log_odds = known.grid.log_odds.copy()
     log_odds[change.window.cells] = change.log_odds
     return update(known, replace(known.grid, log_odds=log_odds), change.window)
-
-
-def _never() -> bool:
-    return False
 
 
 def _end_with_parent(connection_fd: int) -> None:

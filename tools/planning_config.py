@@ -58,7 +58,7 @@ class PlanningSection(Section):
         "car", description="car: a guided search and improvement; the others are OMPL's alone, for comparison"
     )
     budget_s: float = Field(0.3, ge=0, le=3600, description="time for finding a path and making it shorter")
-    iterations: int = Field(100, ge=1, le=10_000_000, description="the budget instead, where a seed is given")
+    iterations: int = Field(200, ge=1, le=10_000_000, description="the budget instead, where a seed is given")
     time_limit_s: float = Field(10.0, ge=0, le=3600, description="after this there is no path")
     goal_tolerance_m: float = Field(0.0, ge=0, le=100, description="how far from the goal the car may end")
     goal_tolerance_rad: float = Field(0.0, ge=0, le=3.15, description="and how much turned from it")

@@ -9,11 +9,11 @@ import pytest
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from planning.costmap import UnknownSpace
-from planning.ends import PlanError
+from planning.costmap import UnknownSpace, costmap
+from planning.ends import GoalTolerance, PlanError
 from planning.errors import PlanningError
-from planning.plan import PlanResult, PlanSettings, plan
-from planning.planner import Planner
+from planning.ompl_planners import EndedBy
+from planning.plan import Planner, PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from tools.plan_problems import colliding_poses
 
@@ -25,10 +25,18 @@ def at(grid: OccupancyGrid, x: float, y: float, yaw: float) -> np.ndarray:
     return se2.compose(grid.origin, np.array([x, y, yaw]))
 
 
-def run(grid: OccupancyGrid, start: np.ndarray, goal: np.ndarray, seed: int = 0, **settings: object) -> PlanResult:
-    # A clock that stands still: the limit is then OMPL's own, and the result no matter of the machine's load.
-    chosen = PlanSettings(**settings)  # type: ignore[arg-type]
-    return plan(grid, start, goal, QCAR, chosen, seed, clock=lambda: 0.0)
+def run(
+    grid: OccupancyGrid,
+    start: np.ndarray,
+    goal: np.ndarray,
+    seed: int = 0,
+    *,
+    unknown: UnknownSpace = UnknownSpace.forbidden,
+    **settings: object,
+) -> PlanResult:
+    # A clock that stands still: the result is no matter of the machine's load.
+    chosen = PlanSettings(**{"iterations": 30, **settings})  # type: ignore[arg-type]
+    return plan(costmap(grid, QCAR, unknown), start, goal, chosen, seed=seed, clock=lambda: 0.0)
 
 
 @pytest.mark.parametrize("planner", list(Planner))
@@ -38,8 +46,8 @@ def test_a_path_through_the_door_is_drivable(rooms, planner, seed):
     result = run(rooms, start, goal, seed, planner=planner)
     path = result.path
     assert path is not None, result.reason
-    np.testing.assert_allclose(path.poses[[0, -1], :2], [start[:2], goal[:2]], atol=1e-9)
-    np.testing.assert_allclose(se2.wrap_angle(path.poses[[0, -1], 2] - [start[2], goal[2]]), 0.0, atol=1e-9)
+    np.testing.assert_allclose(path.poses[[0, -1], :2], [start[:2], goal[:2]], atol=1e-6)
+    np.testing.assert_allclose(se2.wrap_angle(path.poses[[0, -1], 2] - [start[2], goal[2]]), 0.0, atol=1e-6)
     assert colliding_poses(rooms, path.poses, QCAR) == 0
     steps = np.diff(path.poses, axis=0)
     lengths, turns = np.hypot(steps[:, 0], steps[:, 1]), np.abs(se2.wrap_angle(steps[:, 2]))
@@ -151,3 +159,34 @@ def test_maps_without_free_space_refuse_every_end(rooms):
 def test_poses_must_be_finite(rooms):
     with pytest.raises(PlanningError, match="not a finite pose"):
         run(rooms, np.array([np.nan, 0.0, 0.0]), at(rooms, 1.0, 1.0, 0.0))
+
+
+def test_a_cancelled_search_says_so(rooms):
+    start, goal = at(rooms, 1.0, 1.0, 0.0), at(rooms, 6.5, 1.5, 0.0)
+    where = costmap(rooms, QCAR, UnknownSpace.forbidden)
+    for planner in (Planner.car, Planner.rrt):
+        settings = PlanSettings(planner)
+        result = plan(where, start, goal, settings, seed=0, clock=lambda: 0.0, cancelled=lambda: True)
+        assert result.error is PlanError.cancelled
+        assert result.ended_by is EndedBy.cancelled
+
+
+def test_without_a_seed_the_clock_ends_it(rooms):
+    ticks = itertools.count()
+    where = costmap(rooms, QCAR, UnknownSpace.forbidden)
+    ends = at(rooms, 1.0, 1.0, 0.0), at(rooms, 6.5, 1.5, 0.0)
+    result = plan(where, *ends, PlanSettings(budget_s=0.1), seed=None, clock=lambda: next(ticks) * 1e-3)
+    assert result.ended_by is EndedBy.budget
+    assert result.first_path_s is not None
+    assert 0.0 < result.first_path_s < result.seconds < 0.2
+
+
+def test_a_goal_may_be_moved_within_its_tolerance(rooms):
+    start, goal = at(rooms, 1.0, 1.0, 0.0), at(rooms, 3.75, 1.0, np.pi)
+    assert run(rooms, start, goal).path is not None
+    tight = at(rooms, 3.95, 1.0, np.pi)
+    assert run(rooms, start, tight).error is PlanError.goal_occupied
+    moved = run(rooms, start, tight, tolerance=GoalTolerance(0.4, 0.0))
+    assert moved.path is not None
+    assert 0.0 < np.hypot(*(moved.path.poses[-1] - tight)[:2]) <= 0.4 + 1e-6
+    assert "moved" in moved.reason

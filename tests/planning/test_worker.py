@@ -20,7 +20,7 @@ from planning.costmap import UnknownSpace, costmap
 from planning.costmap_update import Window
 from planning.ends import PlanError
 from planning.errors import PlanningError, WorkerError
-from planning.plan import PlanResult, PlanSettings, plan
+from planning.plan import Kept, PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker, WorkerState
 
@@ -255,3 +255,16 @@ def test_the_process_ends_with_its_parent(slit, tmp_path, project_root, number):
     assert wait_until_gone(pid)
     assert err == ""
     assert (process.returncode, out) == ((0, "interrupted\n") if number == signal.SIGINT else (-number, ""))
+
+
+def test_a_path_is_mended_there_as_here(worker, rooms):
+    settings = PlanSettings(iterations=5)
+    path = worker.plan(*ends(rooms), settings, seed=2).path
+    assert path is not None
+    kept = worker.replan(path, 20, settings, seed=2)
+    assert kept.kept is Kept.all
+    np.testing.assert_array_equal(kept.path.poses, path.poses[20:])
+    cells = rooms.log_odds.copy()
+    cells[DOOR.cells] = 5.0
+    worker.update_map(OccupancyGrid(cells, rooms.resolution_m, rooms.origin), DOOR)
+    assert worker.replan(path, 20, settings, seed=2).error is PlanError.no_valid_path

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 
 import numpy as np
@@ -70,3 +72,34 @@ def test_a_map_that_cannot_be_taken_over_leaves_no_old_one(answers, rooms):
     after = answers.to(order(rooms), wanted)
     assert isinstance(after, Refusal)
     assert "set_map" in after.text
+
+
+def test_after_the_warm_up_nothing_is_compiled_any_more():
+    program = """
+import gc, pickle, time
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from mapping.grid import OccupancyGrid
+from planning.costmap import UnknownSpace
+from planning.plan import PlanSettings
+from planning.vehicle import Vehicle
+from planning.worker_process import Answers, NewMap, Order, warm_up
+def kernels():
+    return {(d.__module__, d.__name__): len(d.signatures) for d in gc.get_objects() if isinstance(d, Dispatcher)}
+warm_up(time.monotonic)
+warm = kernels()
+cells = np.full((160, 160), -5.0, np.float32)
+cells[:100, 80] = 5.0
+grid = OccupancyGrid(cells, 0.05, np.array([1.0, 2.0, 0.3]))
+for unknown in UnknownSpace:
+    answers = Answers(time.monotonic)
+    answers.to(pickle.loads(pickle.dumps(NewMap(grid, Vehicle(margin_m=0.02), unknown))), lambda: False)
+    for goal in ([3.0, 7.0, 1.0], [40.0, 0.0, 0.0]):
+        order = Order(np.array([3.0, 4.0, 0.5]), np.array(goal), PlanSettings(iterations=60), 3)
+        answers.to(pickle.loads(pickle.dumps(order)), lambda: False)
+print(sorted(set(kernels().items()) - set(warm.items())), len(warm))
+"""
+    ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    later, _, count = ran.stdout.strip().rpartition(" ")
+    assert later == "[]"
+    assert int(count) > 20

@@ -79,6 +79,16 @@ def plan(
         ),
     ] = None,
     forward_only: Annotated[bool | None, typer.Option("--forward-only", help="Never drive backwards.")] = None,
+    reverse_cost: Annotated[
+        float | None,
+        typer.Option(
+            metavar="N",
+            min=1.0,
+            max=100.0,
+            callback=finite,
+            help="A metre backwards counts as so many.  [default: 1.5]",
+        ),
+    ] = None,
     goal_tolerance: Annotated[
         tuple[float, float] | None,
         typer.Option(
@@ -115,7 +125,7 @@ def plan(
         ),
     ] = None,
     iterations: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="The budget with --seed.  [default: 100]")
+        int | None, typer.Option(metavar="N", min=1, help="The budget with --seed.  [default: 200]")
     ] = None,
     config_file: ConfigFile = None,
     output: Annotated[
@@ -148,6 +158,7 @@ def plan(
         "margin_m": margin,
         "unknown": unknown and unknown.value,
         "forward_only": forward_only,
+        "reverse_cost": reverse_cost,
         "goal_tolerance_m": goal_tolerance and goal_tolerance[0],
         "goal_tolerance_rad": goal_tolerance and goal_tolerance[1],
         "budget_s": budget,
