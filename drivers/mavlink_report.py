@@ -67,6 +67,7 @@ class VehicleReport:
         self._clocks: dict[str, _SenderClock] = {}
         self._yaw: tuple[int, float, float] | None = None  # arrival in ns, yaw in rad and its rate, ROS axes
         self._wheels = _WheelPath()
+        self._imu_kind = ""
 
     def take(self) -> list[Odometry | Imu]:
         """Return what was measured since the last call, oldest first."""
@@ -93,7 +94,7 @@ class VehicleReport:
             self._yaw = (arrival_ns, -message.yaw, -message.yawspeed)
         elif kind == "WHEEL_DISTANCE":
             self._roll(message, arrival_ns)
-        elif kind in {"SCALED_IMU", "HIGHRES_IMU"}:
+        elif kind in {"SCALED_IMU", "RAW_IMU", "HIGHRES_IMU"} and self._is_first_imu(kind):
             self._measured.append(self._imu(message, arrival_ns))
 
     def _parameter(self, message: MavlinkMessage) -> float:
@@ -125,14 +126,21 @@ class VehicleReport:
         if odometry is not None:
             self._measured.append(odometry)
 
+    def _is_first_imu(self, kind: str) -> bool:
+        """ArduPilot sends the same sensor as RAW_IMU unasked, scaled as SCALED_IMU is; others send raw counts there."""
+        if kind == "RAW_IMU" and (self.heartbeat is None or self.heartbeat.autopilot != Autopilot.ARDUPILOT):
+            return False
+        if self._imu_kind in {"", "RAW_IMU"}:
+            self._imu_kind = kind
+        return self._imu_kind == kind
+
     def _imu(self, message: MavlinkMessage, arrival_ns: int) -> Imu:
         turning = np.array([message.xgyro, message.ygyro, message.zgyro], dtype=np.float64)
         felt = np.array([message.xacc, message.yacc, message.zacc], dtype=np.float64)
         kind = message.get_type()
-        if kind == "SCALED_IMU":  # thousandths of a radian a second and of gravity
-            turning, felt, sent_ns = turning * 1e-3, felt * 1e-3 * _GRAVITY_MPS2, message.time_boot_ms * 1_000_000
-        else:
-            sent_ns = message.time_usec * 1000
+        sent_ns = message.time_boot_ms * 1_000_000 if kind == "SCALED_IMU" else message.time_usec * 1000
+        if kind != "HIGHRES_IMU":  # thousandths of a radian a second and of gravity
+            turning, felt = turning * 1e-3, felt * 1e-3 * _GRAVITY_MPS2
         return Imu(self._stamp_ns(kind, sent_ns, arrival_ns), flipped_vector(turning), flipped_vector(felt))
 
 

@@ -131,3 +131,17 @@ def test_stamps_are_those_of_the_shortest_delay() -> None:
     report.hear(wheels(0, 0.0), 900 * MS)
     report.hear(wheels(50, 0.1), 951 * MS)
     assert report.take()[-1].stamp_ns == pytest.approx(950 * MS, abs=MS)
+
+
+def test_raw_imu_counts_from_ardupilot_alone_and_until_the_scaled_one_comes() -> None:
+    values = dict.fromkeys(("xacc", "yacc", "xgyro", "ygyro", "zgyro", "xmag", "ymag", "zmag"), 0)
+    raw = message("RAW_IMU", time_usec=5000, zacc=-1000, **values)
+    scaled = message("SCALED_IMU", time_boot_ms=6, zacc=-1000, **values)
+    for autopilot, expected in ((12, 1), (3, 2)):
+        report = VehicleReport()
+        report.hear(heartbeat(autopilot=autopilot), 0)
+        for k, imu in enumerate((raw, scaled, raw)):
+            report.hear(imu, k)
+        found = report.take()
+        assert len(found) == expected
+        assert all(abs(imu.acceleration_mps2[2] - 9.80665) < 1e-9 for imu in found if isinstance(imu, Imu))
