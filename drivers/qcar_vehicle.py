@@ -6,8 +6,8 @@ API prints faults of the board instead of raising them, so a board that is not t
 
 The throttle is a duty cycle, so speed is controlled here, in poll(), from the encoder. Nothing beyond this process
 stops the motor: setpoint_timeout_s is None, and a process that is killed leaves the last duty cycle on. To be checked
-on the car before anything else: signs (positive steering is left, positive throttle and encoder ahead, gyroscope counter-
-clockwise), and what the board does when its process ends.
+on the car before anything else: the signs (positive steering is left, positive throttle and encoder are ahead, the
+gyroscope counts counter-clockwise), and what the board does when its process ends.
 """
 
 from __future__ import annotations
