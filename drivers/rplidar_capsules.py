@@ -60,6 +60,11 @@ def _vbs_table() -> tuple[IntArray, IntArray]:
 VBS_MM, VBS_SHIFT = _vbs_table()  # (4096,) distance and scale of every 12-bit code
 
 
+def as_packets(data: bytes, size: int) -> Packets:
+    """Whole packets, one behind the other, to (P, size); writable, as all that is compiled for."""
+    return np.frombuffer(bytearray(data), dtype=np.uint8).reshape(-1, size)
+
+
 def ultra_offset_q16(distance_q2: IntArray) -> IntArray:
     """Angle between the head and the ray of an ultra sample in 1/65536 deg: the triangulation geometry, by distance."""
     reciprocal = 98361 // np.maximum(distance_q2, 1)
@@ -115,12 +120,6 @@ DECODERS: dict[int, Callable[[Packets], Samples]] = {
 def start_q6(packets: Packets, place: int) -> int:
     """Start angle of one of capsules (P, size)."""
     return _word(packets[place, 2], packets[place, 3]) & 0x7FFF
-
-
-@njit(cache=True, nogil=True)
-def is_restart(packets: Packets, place: int) -> bool:
-    """Whether one of capsules (P, size) is the first after a start or after lost angle tracking; not a new turn."""
-    return bool(packets[place, 3] & 0x80)
 
 
 @njit(cache=True, nogil=True)

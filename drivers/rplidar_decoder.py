@@ -12,7 +12,7 @@ import numpy as np
 from drivers.errors import DeviceFaultError
 from drivers.messages import LaserScan, LidarStream, RawChunk
 from drivers.rplidar_capsule_steps import BROKEN, RESTARTED, judge_steps
-from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Packets, Samples, decode_nodes, start_q6
+from drivers.rplidar_capsules import DECODERS, FULL_TURN_Q6, Samples, as_packets, decode_nodes, start_q6
 from drivers.rplidar_framing import PacketFinder, PacketRun
 from drivers.rplidar_node_turns import NodePiece, NodeTurns
 from drivers.rplidar_protocol import (
@@ -57,7 +57,9 @@ class RplidarDecoder:
         self._size = PACKET_BYTES[self._kind]
         self._per_packet = PACKET_SAMPLES[self._kind]
         self._packet_s = self._per_packet * stream.sample_us * 1e-6
+        self._limit_q6 = round(self._packet_s * _FASTEST_TURN_HZ * FULL_TURN_Q6)
         self._byte_s = BITS_PER_BYTE / stream.baud
+        self._slow_line = self._size * self._byte_s > self._packet_s
         self._latency_s = packet_latency_s(stream.sample_us * 1e-6, self._size, stream.baud)
         self._clock = SampleClock(stream.sample_us * 1e-6)
         self._stream = stream
@@ -68,7 +70,7 @@ class RplidarDecoder:
         self._maybe_descriptor = True
         self._skipped = 0  # bytes between the last sound packet and the pending ones
         self._node_turns = NodeTurns()
-        self._held = np.empty((0, self._size), dtype=np.uint8)  # capsules that wait for their turn's end
+        self._held = b""  # capsules that wait for their turn's end
         self._step_q6 = -1  # the last sound step of the head from capsule to capsule
         self._head_q6 = 0  # behind the last samples
         self._next_packet = 0
@@ -81,8 +83,8 @@ class RplidarDecoder:
         counts = dict(self._counts)
         if self._kind == Answer.NODES:
             self._count(counts, decode_nodes(self._node_turns.held))
-        elif len(self._held) > 1:
-            self._count(counts, DECODERS[self._kind](self._held))
+        elif self._held:
+            self._count(counts, DECODERS[self._kind](as_packets(self._held, self._size)))
         return DecoderCounters(**counts)
 
     def feed(self, chunk: RawChunk) -> list[LaserScan]:
@@ -103,8 +105,9 @@ class RplidarDecoder:
             settled = run.end
         self._skip(framing.used - settled)
         self._pending = self._pending[framing.used :]
-        self._counts["scans"] += len(scans)
-        self._counts["partial_scans"] += sum(not scan.complete for scan in scans)
+        for scan in scans:
+            self._counts["scans"] += 1
+            self._counts["partial_scans"] += not scan.complete
         return scans
 
     def _strip_descriptor(self) -> bool:
@@ -126,11 +129,11 @@ class RplidarDecoder:
         """Decode a run of sound packets; end_s: a sample whose packet the chunk ends with was taken not later."""
         scans = self._bridge_damage(turns) if self._skipped else []
         first = self._next_packet
-        self._next_packet += len(run.packets)
-        self._counts["packets"] += len(run.packets)
+        self._next_packet += run.length
+        self._counts["packets"] += run.length
         if self._kind == Answer.NODES:
-            self._observe(run, first, 0, len(run.packets), end_s)
-            return scans + self._add_nodes(self._node_turns.take(run.packets), turns)
+            self._observe(run, first, 0, run.length, end_s)
+            return scans + self._add_nodes(self._node_turns.take(run.data), turns)
         return scans + self._take_capsules(run, first, end_s, turns)
 
     def _observe(self, run: PacketRun, first: int, start: int, stop: int, end_s: float) -> None:
@@ -138,7 +141,7 @@ class RplidarDecoder:
 
         They come evenly, so one says all: the last, or on a line that is slower than the sensor the first.
         """
-        place = stop - 1 if self._size * self._byte_s <= self._packet_s else start
+        place = start if self._slow_line else stop - 1
         behind = len(self._pending) - run.start - (place + 1) * self._size
         self._clock.observe((first + place + 1) * self._per_packet - 1, end_s - behind * self._byte_s)
 
@@ -155,7 +158,7 @@ class RplidarDecoder:
         if self._kind == Answer.NODES:
             scans = self._add_nodes(self._node_turns.gap(), turns)
         else:
-            scans = self._decode(self._held, self._next_packet - len(self._held), turns)
+            scans = self._decode(self._held, self._next_packet - len(self._held) // self._size, turns)
         self._counts["rejected_packets"] += max(1, lost)
         self._next_packet += lost
         self._next_sample = self._next_packet
@@ -164,7 +167,7 @@ class RplidarDecoder:
 
     def _break(self, turns: TurnAssembler, *, restart_clock: bool) -> None:
         turns.gap()
-        self._held = self._held[:0]
+        self._held = b""
         if restart_clock:
             turns.fix_times()
             self._clock.restart()
@@ -182,40 +185,43 @@ class RplidarDecoder:
 
     def _take_capsules(self, run: PacketRun, first: int, end_s: float, turns: TurnAssembler) -> list[LaserScan]:
         """Settle capsules up to the last, whose samples depend on the next; decode them once a turn is over."""
-        held = len(self._held)
-        stack = np.concatenate((self._held, run.packets))
+        held = len(self._held) // self._size
+        stack = self._held + run.data
+        last = held + run.length - 1
         first_held = first - held
         settled = max(held - 1, 0)  # steps known from before
-        limit_q6 = round(self._packet_s * _FASTEST_TURN_HZ * FULL_TURN_Q6)
-        verdicts = np.zeros(len(stack) - 1 - settled, dtype=np.int64)
-        passes_zero, unsound, self._step_q6 = judge_steps(stack, settled, self._step_q6, limit_q6, verdicts)
+        verdicts = np.zeros(last - settled, dtype=np.int64)
+        passes_zero, unsound, self._step_q6 = judge_steps(
+            stack, self._size, settled, self._step_q6, self._limit_q6, verdicts
+        )
         cuts = np.flatnonzero(verdicts).tolist() if unsound else []
-        waits = len(stack) * self._packet_s <= _LONGEST_WAIT_S
+        waits = (last + 1) * self._packet_s <= _LONGEST_WAIT_S
         if not (cuts or passes_zero or turns.after_gap) and waits:
-            self._observe(run, first, 0, len(run.packets), end_s)
+            self._observe(run, first, 0, run.length, end_s)
             self._held = stack
             return []
         scans: list[LaserScan] = []
         start = observed = 0
-        for cut in (*(place + settled for place in cuts), len(stack) - 1):
+        for cut in (*(place + settled for place in cuts), last):
             known = cut + 1 - held  # packets of this run up to the cut
             if known > observed:
                 self._observe(run, first, observed, known, end_s)
                 observed = known
-            scans += self._decode(stack[start : cut + 1], first_held + start, turns)
+            scans += self._decode(stack[start * self._size : (cut + 1) * self._size], first_held + start, turns)
             start = cut + 1
-            if cut == len(stack) - 1:
+            if cut == last:
                 break
             self._counts["rejected_packets"] += verdicts[cut - settled] == BROKEN
             self._break(turns, restart_clock=True)
             if verdicts[cut - settled] == RESTARTED:
                 turns.discard()
-        self._held = stack[-1:].copy()
+        self._held = stack[last * self._size :]
         return scans
 
-    def _decode(self, packets: Packets, first_packet: int, turns: TurnAssembler) -> list[LaserScan]:
-        if len(packets) < 2:
+    def _decode(self, capsules: bytes, first_packet: int, turns: TurnAssembler) -> list[LaserScan]:
+        if len(capsules) < 2 * self._size:
             return []
+        packets = as_packets(capsules, self._size)
         samples = DECODERS[self._kind](packets)
         self._count(self._counts, samples)
         passed_zero = turns.after_gap and start_q6(packets, 0) < self._head_q6
@@ -232,10 +238,10 @@ class RplidarDecoder:
 def load_compiled() -> None:
     """Load all compiled code that decoding uses, so that no stream waits for it; the first time ever takes a while."""
     for kind in map(Answer, DECODERS):
-        blank = np.zeros((2, PACKET_BYTES[kind]), dtype=np.uint8)
-        PacketFinder(kind).find(blank.tobytes())
-        DECODERS[kind](blank)
+        blank = bytes(2 * PACKET_BYTES[kind])
+        PacketFinder(kind).find(blank)
+        DECODERS[kind](as_packets(blank, PACKET_BYTES[kind]))
         if kind == Answer.NODES:
             NodeTurns().take(blank)
         else:
-            judge_steps(blank, 0, -1, 0, np.zeros(1, dtype=np.int64))
+            judge_steps(blank, PACKET_BYTES[kind], 0, -1, 0, np.zeros(1, dtype=np.int64))

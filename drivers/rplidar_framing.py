@@ -6,31 +6,35 @@ bytes are needed to decide, the search stops and is resumed at that byte.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from drivers.rplidar_capsules import Flags, IntArray, Packets
+from drivers.rplidar_capsules import Flags, IntArray, Packets, as_packets
 from drivers.rplidar_node_tracking import find_nodes, fresh_state
 from drivers.rplidar_protocol import PACKET_BYTES, Answer
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PacketRun:
-    """Consecutive sound packets (P, size), the first of them at byte `start`."""
+class PacketRun(NamedTuple):
+    """Consecutive sound packets: the byte where they begin, how many, and their bytes. A tuple: one a read at least."""
 
     start: int
-    packets: Packets
+    length: int
+    data: bytes
 
     @property
     def end(self) -> int:
         """The byte after the last packet."""
-        return self.start + self.packets.size
+        return self.start + len(self.data)
+
+    @property
+    def packets(self) -> Packets:
+        """The packets as (length, size)."""
+        return as_packets(self.data, len(self.data) // self.length)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Framing:
+class Framing(NamedTuple):
     """The runs found, and how many bytes are settled: the rest waits for more and is to be given again."""
 
     runs: list[PacketRun]
@@ -45,24 +49,26 @@ class PacketFinder:
         self._size = PACKET_BYTES[kind]
         self._nodes = fresh_state()
         self._in_step = np.ones(1, dtype=np.bool_)  # does the pending byte follow on a sound capsule?
+        self._runs = np.empty((64, 2), dtype=np.int64)
 
     def find(self, pending: bytes) -> Framing:
         """All sound packets in the bytes that are not settled yet."""
-        stream = np.frombuffer(bytearray(pending), dtype=np.uint8)  # writable, as all else: one compilation
-        runs = np.empty((len(stream) // self._size + 1, 2), dtype=np.int64)
+        most = len(pending) // self._size + 1
+        if most > len(self._runs):
+            self._runs = np.empty((most, 2), dtype=np.int64)
         if self._kind == Answer.NODES:
-            count, used = find_nodes(stream, self._nodes, runs)
+            count, used = find_nodes(pending, self._nodes, self._runs)
         else:
-            count, used = find_capsules(stream, self._size, self._in_step, runs)
+            count, used = find_capsules(pending, self._size, self._in_step, self._runs)
         found = [
-            PacketRun(start, stream[start : start + packets * self._size].reshape(packets, self._size))
-            for start, packets in runs[:count].tolist()
+            PacketRun(start, packets, pending[start : start + packets * self._size])
+            for start, packets in self._runs[:count].tolist()
         ]
         return Framing(found, used)
 
 
 @njit(cache=True, nogil=True)
-def find_capsules(stream: Packets, size: int, in_step: Flags, runs: IntArray) -> tuple[int, int]:
+def find_capsules(stream: bytes, size: int, in_step: Flags, runs: IntArray) -> tuple[int, int]:
     """Write runs of sound capsules (start, count) to runs (R, 2); return how many runs, and the bytes settled.
 
     in_step (1,): whether the first byte follows on a sound capsule; kept for the next call. Off the step a capsule
@@ -99,7 +105,7 @@ def find_capsules(stream: Packets, size: int, in_step: Flags, runs: IntArray) ->
 
 
 @njit(cache=True, nogil=True)
-def _is_sealed(stream: Packets, at: int, size: int) -> bool:
+def _is_sealed(stream: bytes, at: int, size: int) -> bool:
     """Has the capsule here its two sync nibbles and the right checksum?"""
     if stream[at] & 0xF0 != 0xA0 or stream[at + 1] & 0xF0 != 0x50:
         return False

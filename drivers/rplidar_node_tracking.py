@@ -12,12 +12,13 @@ import numpy as np
 from numba import njit
 
 from drivers.messages import FloatArray
-from drivers.rplidar_capsules import IntArray, Packets
+from drivers.rplidar_capsules import IntArray
 
 NODE = 5  # bytes
 LOCK_FRAMES = 12  # a chain of them turns by 8 deg at the slowest: another field misread as an angle does not
-_RESUME_FRAMES = 3  # suffice where the head is expected
+_RESUME_FRAMES, _LIKELY_FRAMES = 3, 2  # suffice where the head is expected, and where the very byte is
 _RESUME_BYTES = 100  # so far behind the damage
+_ONE_LESS, _ONE_MORE = 2 * NODE - 1, 2 * NODE + 1  # to the next node but one, past one with a byte off
 
 FRESH, LOCKED, LOST, COLD = 0, 1, 2, 3
 # The state: what is done; whether the pending node was found to fit, and whether the one where the step was lost did;
@@ -42,7 +43,7 @@ def fresh_state() -> FloatArray:
 
 
 @njit(cache=True, nogil=True)
-def find_nodes(stream: Packets, state: FloatArray, runs: IntArray) -> tuple[int, int]:
+def find_nodes(stream: bytes, state: FloatArray, runs: IntArray) -> tuple[int, int]:
     """Write runs of sound nodes (start, count) to runs (R, 2); return how many runs, and the bytes settled.
 
     What is decided at a byte depends on the state and on bytes after it, for which the search waits where they have
@@ -72,7 +73,7 @@ def find_nodes(stream: Packets, state: FloatArray, runs: IntArray) -> tuple[int,
 
 
 @njit(cache=True, nogil=True)
-def _stride(stream: Packets, at: int, state: FloatArray) -> int:
+def _stride(stream: bytes, at: int, state: FloatArray) -> int:
     """Follow nodes as long as each fits and the next one too; return the first that has not been followed."""
     if at + 2 * NODE > len(stream) or not (state[_VOUCHED] or _fits(stream, at, state, 1)):
         return at
@@ -91,7 +92,7 @@ def _stride(stream: Packets, at: int, state: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _judge(stream: Packets, at: int, state: FloatArray) -> int:
+def _judge(stream: bytes, at: int, state: FloatArray) -> int:
     """Judge the node expected here by itself and by the next; where one is unsound, two more say if bytes are lost.
 
     Unless it has to wait for bytes, the state goes on by this node.
@@ -121,49 +122,76 @@ def _judge(stream: Packets, at: int, state: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _resume(stream: Packets, lost_at: int, state: FloatArray) -> int:
+def _resume(stream: bytes, lost_at: int, state: FloatArray) -> int:
     """Lock on again behind the node at lost_at, near where the head must be, or go hunting; return where to go on.
 
     Leaves state[_DOUBTFUL] if the node at lost_at was sound: it is, where the damage lies in the next one.
     """
-    reading = _best(state)
+    distance, frames = _find_again(stream, lost_at, state)
+    if distance == _WAIT:
+        return _WAIT
+    if not _ONE_LESS <= distance <= _ONE_MORE:
+        state[_DOUBTFUL] = 0.0
+    if distance == 0:
+        state[_DOING] = COLD
+        return lost_at + 1
+    at = lost_at + distance
+    state[_DOING] = LOCKED
+    _set_head(stream, at, state, frames)
+    if not _is_whole(distance):
+        return at + NODE
+    _step_back(state)
+    return at
+
+
+@njit(cache=True, nogil=True)
+def _find_again(stream: bytes, lost_at: int, state: FloatArray) -> tuple[int, int]:
+    """Return how far behind the node at lost_at sound ones go on, 0 for nowhere near, and how many show that.
+
+    Two suffice where one byte missing or too many in the node between would put them, if nothing better is near: the
+    third may be damaged again.
+    """
+    for distance in range(1, _RESUME_BYTES + 1):
+        if lost_at + distance + _RESUME_FRAMES * NODE > len(stream):
+            return _WAIT, 0
+        if _goes_on(stream, lost_at, distance, state, _RESUME_FRAMES):
+            return distance, _RESUME_FRAMES
+        if distance == _ONE_MORE:
+            for likely in (_ONE_LESS, _ONE_MORE):
+                if _goes_on(stream, lost_at, likely, state, _LIKELY_FRAMES):
+                    return likely, _LIKELY_FRAMES
+    return 0, 0
+
+
+@njit(cache=True, nogil=True)
+def _goes_on(stream: bytes, lost_at: int, distance: int, state: FloatArray, frames: int) -> bool:
+    """Are there so many sound nodes in a row, so far behind the one at lost_at, where the head must be by then?"""
+    at, reading = lost_at + distance, _best(state)
     step, tolerance = state[_STEP + reading], _tolerance(state, reading)
-    for at in range(lost_at + 1, lost_at + _RESUME_BYTES + 1):
-        if at + _RESUME_FRAMES * NODE > len(stream):
-            return _WAIT
-        ahead = (at - lost_at) / NODE + 1
-        if not _is_sound(stream, at) or abs(_residual(stream, at, state, reading, ahead)) > tolerance + abs(step):
-            continue
-        head = _head(stream, at, reading)
-        fits = True
-        for frame in range(1, _RESUME_FRAMES):
-            next_at = at + frame * NODE
-            off = _turned(_head(stream, next_at, reading) - head - frame * step)
-            fits = fits and _is_sound(stream, next_at) and abs(off) <= tolerance
-        if fits:
-            _set_head(stream, at, state)
-            state[_DOING] = LOCKED
-            if abs(at - lost_at - 2 * NODE) > 1:
-                state[_DOUBTFUL] = 0.0
-            if not _is_whole(at - lost_at):
-                return at + NODE
-            _step_back(state)
-            return at
-    state[_DOING], state[_DOUBTFUL] = COLD, 0.0
-    return lost_at + 1
+    off = abs(_residual(stream, at, state, reading, distance / NODE + 1))
+    if not _is_sound(stream, at) or off > tolerance + abs(step):
+        return False
+    head = _head(stream, at, reading)
+    for frame in range(1, frames):
+        next_at = at + frame * NODE
+        off = abs(_turned(_head(stream, next_at, reading) - head - frame * step))
+        if not _is_sound(stream, next_at) or off > tolerance:
+            return False
+    return True
 
 
 @njit(cache=True, nogil=True)
 def _is_whole(distance: int) -> bool:
     """Is the first node found so far behind the last one whole? Else it may straddle the damage and only vouches.
 
-    It is where no byte is missing or too many, and where one is in the node between.
+    It is where no byte is missing or too many. Damage begins in the last node or in the next, so the one after that is
+    whole too, unless it has damage of its own: even then its distance is in one piece and its angle fits.
     """
-    return distance % NODE == 0 or distance in (2 * NODE - 1, 2 * NODE + 1)
+    return distance % NODE == 0 or distance >= 2 * NODE - 2
 
 
 @njit(cache=True, nogil=True)
-def _is_chain(stream: Packets, start: int) -> bool:
+def _is_chain(stream: bytes, start: int) -> bool:
     """Is this the start of LOCK_FRAMES sound nodes that turn by small steps and advance as a whole?"""
     for frame in range(LOCK_FRAMES):
         at = start + frame * NODE
@@ -176,7 +204,7 @@ def _is_chain(stream: Packets, start: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _lock_on(stream: Packets, at: int, state: FloatArray) -> int:
+def _lock_on(stream: bytes, at: int, state: FloatArray) -> int:
     """Lock on to the first chain from `at` on; return where to go on, with what state[_DOING] says."""
     fresh = state[_DOING] == FRESH
     while at + LOCK_FRAMES * NODE <= len(stream):
@@ -194,7 +222,7 @@ def _lock_on(stream: Packets, at: int, state: FloatArray) -> int:
 
 
 @njit(cache=True, nogil=True)
-def _learn(stream: Packets, start: int, state: FloatArray) -> None:
+def _learn(stream: bytes, start: int, state: FloatArray) -> None:
     """Take head, step and error of every reading from a chain; the head is the first node's."""
     for reading in range(_READINGS):
         turned = np.zeros(LOCK_FRAMES)
@@ -217,13 +245,13 @@ def _step_back(state: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _set_head(stream: Packets, at: int, state: FloatArray) -> None:
-    """Put the head of every reading to where the nodes found again have it."""
+def _set_head(stream: bytes, at: int, state: FloatArray, frames: int) -> None:
+    """Put the head of every reading to where so many nodes found again have it."""
     for reading in range(_READINGS):
         head, off = _head(stream, at, reading), 0.0
-        for frame in range(1, _RESUME_FRAMES):
+        for frame in range(1, frames):
             off += _turned(_head(stream, at + frame * NODE, reading) - head - frame * state[_STEP + reading])
-        state[_HEAD + reading] = head + off / _RESUME_FRAMES
+        state[_HEAD + reading] = head + off / frames
 
 
 @njit(cache=True, nogil=True)
@@ -239,7 +267,7 @@ def _follow(angle: float, offset: float, state: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _pass_over(stream: Packets, at: int, state: FloatArray) -> None:
+def _pass_over(stream: bytes, at: int, state: FloatArray) -> None:
     """Let the head turn past a damaged node. One that is well but for its angle may show that tolerances are small."""
     sound = _is_sound(stream, at)
     for reading in range(_READINGS):
@@ -250,7 +278,7 @@ def _pass_over(stream: Packets, at: int, state: FloatArray) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _fits(stream: Packets, at: int, state: FloatArray, ahead: int) -> bool:
+def _fits(stream: bytes, at: int, state: FloatArray, ahead: int) -> bool:
     if not _is_sound(stream, at):
         return False
     reading = _best(state)
@@ -274,12 +302,12 @@ def _tolerance(state: FloatArray, reading: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _residual(stream: Packets, at: int, state: FloatArray, reading: int, ahead: float) -> float:
+def _residual(stream: bytes, at: int, state: FloatArray, reading: int, ahead: float) -> float:
     return _turned(_head(stream, at, reading) - state[_HEAD + reading] - ahead * state[_STEP + reading])
 
 
 @njit(cache=True, nogil=True)
-def _is_sound(stream: Packets, at: int) -> bool:
+def _is_sound(stream: bytes, at: int) -> bool:
     """Are the check bits right, the angle below a turn, and a turn's flag only raised near 0 deg?"""
     first = stream[at]
     angle = _angle(stream, at)
@@ -289,7 +317,7 @@ def _is_sound(stream: Packets, at: int) -> bool:
 
 
 @njit(cache=True, nogil=True)
-def _head(stream: Packets, at: int, reading: int) -> float:
+def _head(stream: bytes, at: int, reading: int) -> float:
     return _read(_angle(stream, at), _offset(stream, at), reading)
 
 
@@ -304,7 +332,7 @@ def _read(angle: float, offset: float, reading: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _offset(stream: Packets, at: int) -> float:
+def _offset(stream: bytes, at: int) -> float:
     """Return what triangulation subtracts at the node's distance, as in ultra capsules; below 0 where there is none."""
     distance_q2 = np.int64(stream[at + 3]) | np.int64(stream[at + 4]) << 8
     if distance_q2 < 200:
@@ -315,7 +343,7 @@ def _offset(stream: Packets, at: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _angle(stream: Packets, at: int) -> float:
+def _angle(stream: bytes, at: int) -> float:
     return float((np.int64(stream[at + 1]) >> 1) | (np.int64(stream[at + 2]) << 7))
 
 

@@ -96,25 +96,33 @@ def noise(kind: StreamKind, random: np.random.Generator) -> bytes:
 
 
 def decode_noise(kind: StreamKind, data: bytes, random: np.random.Generator) -> int:
-    """Decode in one piece and in many; return the number of scans, or raise ToolError where the two differ or lie."""
+    """Decode in one piece and in many; return the number of scans, or raise ToolError where the two differ or lie.
+
+    How long a gap was is told by the times at which chunks came, so those that are compared came at once; the same
+    chunks at times that make no sense have to give scans that make sense.
+    """
     whole = RplidarDecoder(kind.description).feed(RawChunk(0, data))
-    cuts = np.sort(random.integers(0, len(data) + 1, int(random.integers(0, 60)))).tolist()
+    edges = [0, *np.sort(random.integers(0, len(data) + 1, int(random.integers(0, 60)))).tolist(), len(data)]
+    steps_ns = [int(random.integers(0, 10 ** int(random.integers(1, 11)))) for _ in edges[1:]]
+    at_once, spread = (
+        _decoded_in_pieces(kind, data, edges, stamps_ns)
+        for stamps_ns in ([0] * len(steps_ns), np.cumsum(steps_ns).tolist())
+    )
+    check_scans(spread)
+    together, apart = (_content(result) for result in (whole, at_once))
+    shortest = min(len(one[0]) for one in (together, apart))
+    if not all(np.array_equal(one[:shortest], other[:shortest]) for one, other in zip(together, apart, strict=True)):
+        raise ToolError(f"{kind.name}: {len(data)} bytes give other samples when they are cut at {edges[1:-1]}")
+    return len(spread)
+
+
+def _decoded_in_pieces(kind: StreamKind, data: bytes, edges: list[int], stamps_ns: list[int]) -> list[LaserScan]:
     decoder = RplidarDecoder(kind.description)
-    scans: list[LaserScan] = []
-    stamp_ns = 0
-    for start, stop in zip([0, *cuts], [*cuts, len(data)], strict=True):
-        stamp_ns += int(random.integers(0, 10 ** int(random.integers(1, 11))))
-        scans += decoder.feed(RawChunk(stamp_ns, data[start:stop]))
-    check_scans(scans)
-    together, apart = (_content(result) for result in (whole, scans))
-    # How long a gap was is told by the times at which chunks came: only the samples themselves do not depend on them.
-    if not all(np.array_equal(one, other) for one, other in zip(together, apart, strict=True)):
-        shortest = min(len(one[0]) for one in (together, apart))
-        if not all(
-            np.array_equal(one[:shortest], other[:shortest]) for one, other in zip(together, apart, strict=True)
-        ):
-            raise ToolError(f"{kind.name}: {len(data)} bytes give other samples when they are cut at {cuts}")
-    return len(scans)
+    return [
+        scan
+        for (start, stop), stamp_ns in zip(pairwise(edges), stamps_ns, strict=True)
+        for scan in decoder.feed(RawChunk(stamp_ns, data[start:stop]))
+    ]
 
 
 def _content(scans: list[LaserScan]) -> tuple[np.ndarray, np.ndarray]:

@@ -11,7 +11,7 @@ def judged(start_q6_of: list[int], restarts: list[int] | None = None, before_q6:
     flags = np.isin(np.arange(len(start_q6_of)), restarts or [])
     packets = encode_dense(np.array(start_q6_of), np.zeros((len(start_q6_of), 40), dtype=np.int64), flags)
     verdicts = np.zeros(len(start_q6_of) - 1 - known, dtype=np.int64)
-    passes, unsound, last = judge_steps(packets, known, before_q6, 5000, verdicts)
+    passes, unsound, last = judge_steps(packets.tobytes(), 84, known, before_q6, 5000, verdicts)
     assert unsound == np.count_nonzero(verdicts)
     assert start_q6(packets, len(packets) - 1) == start_q6_of[-1]
     return verdicts.tolist(), passes, last

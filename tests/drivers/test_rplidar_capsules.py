@@ -16,7 +16,6 @@ from drivers.rplidar_capsules import (
     decode_express,
     decode_nodes,
     decode_ultra,
-    is_restart,
     start_q6,
     ultra_offset_q16,
 )
@@ -52,7 +51,7 @@ def test_express_capsule() -> None:
     assert samples.angle_q6[:4].tolist() == [0, 57, 22675, 132]
     assert (samples.distance_q2[:4] / 4).tolist() == [1000, 2000, 500, 0]
     assert sdk_angles_q14(samples)[:4] == [0, 162, 64497, 375]
-    assert [is_restart(pair, place) for place in range(2)] == [True, False]
+    assert (pair[:, 3] >> 7).tolist() == [1, 0]
     assert [start_q6(pair, place) / 64 for place in range(2)] == [0, 28.75]
     assert samples.quality is None
 

@@ -95,6 +95,31 @@ def test_a_byte_lost_or_added_costs_two_nodes_and_falsifies_none(place: int, rea
     assert len(rows) >= len(found(clean.tobytes())) - 2
 
 
+@given(st.integers(30, COUNT - 60), st.sampled_from([(a, b) for b in range(5) for a in range(b)]), st.booleans())
+@settings(deadline=None)
+def test_two_bytes_lost_or_added_in_one_node_cost_two_nodes(node: int, places: tuple[int, int], lost: bool) -> None:
+    clean = nodes("as a real A2", seed=1)
+    data = bytearray(clean.tobytes())
+    for place in reversed(places):
+        at = 5 * node + place
+        data[at : at + lost] = b"" if lost else b"\x55"
+    rows = found(bytes(data))
+    assert len(rows) >= len(found(clean.tobytes())) - 2
+    assert len(set(rows) - {row.tobytes() for row in clean}) <= 1
+
+
+@given(st.integers(30, COUNT - 60), st.integers(1, 3), st.integers(0, 4), st.integers(0, 4), st.integers(-1, 255))
+@settings(deadline=None)
+def test_two_damaged_nodes_cost_four_however_few_lie_between(
+    node: int, between: int, place: int, later: int, added: int
+) -> None:
+    clean = nodes("as a real A2", seed=1)
+    data = bytearray(clean.tobytes())
+    for at in (5 * (node + between + 1) + later, 5 * node + place):
+        data[at : at + (added < 0)] = b"" if added < 0 else bytes([added])
+    assert len(found(bytes(data))) >= len(found(clean.tobytes())) - 4
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_noise_is_not_locked_on_to(seed: int) -> None:
     assert not found(np.random.default_rng(seed).bytes(200_000))
