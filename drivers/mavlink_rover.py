@@ -80,7 +80,7 @@ class MavlinkRover:
 
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Take bytes from the host; return what is answered at once."""
-        self._pass_time(now_ns)
+        self.pass_time(now_ns)
         if self._on(*_HEARS_NOTHING):
             return b""
         answers = b"".join(self._answer(message) for message in self._codec.decode(data))
@@ -88,7 +88,7 @@ class MavlinkRover:
 
     def due(self, now_ns: int) -> bytes:
         """Return heartbeats and telemetry that are due."""
-        self._pass_time(now_ns)
+        self.pass_time(now_ns)
         sent = b""
         if now_ns >= self._heartbeat_ns:
             self._heartbeat_ns = now_ns + _HEARTBEAT_NS
@@ -103,8 +103,8 @@ class MavlinkRover:
         """Nothing: the car has a battery of its own, and a plug that is pulled takes the link alone."""
 
     # ------------------------------------------------------------------------------------------------- motion
-    def _pass_time(self, now_ns: int) -> None:
-        """Move the car up to now, in steps of its control loop."""
+    def pass_time(self, now_ns: int) -> None:
+        """Move the car up to now, in steps of its control loop, and send nothing: for the world around it."""
         if self._start_ns is None:
             self._start_ns = self._now_ns = self._heartbeat_ns = now_ns
         while self._now_ns < now_ns:

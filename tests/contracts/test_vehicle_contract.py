@@ -33,7 +33,7 @@ class Bench:
         elif kind == "mavlink":
             rover = MavlinkRover(RoverDynamics(np.zeros(3)))
             self.vehicle = MavlinkVehicle("rover", lambda: EmulatedLink(rover, self.clock, 115200, 115200), self.clock)
-            self._move, self._speed = rover.due, lambda: rover.state.speed_mps
+            self._move, self._speed = rover.pass_time, lambda: rover.state.speed_mps
         else:
             board = FakeQcar(self.clock)
             self.vehicle = QcarVehicle(self.clock, board=lambda: board)

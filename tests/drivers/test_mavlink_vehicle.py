@@ -40,7 +40,7 @@ class Car:
 
     @property
     def speed_mps(self) -> float:
-        self.rover.due(self.clock())
+        self.rover.pass_time(self.clock())
         return self.rover.state.speed_mps
 
     def poll(self, seconds: float, command: DriveCommand | None = None) -> None:

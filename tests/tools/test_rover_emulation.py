@@ -1,6 +1,8 @@
 """The rover on real addresses: UDP and a pseudo-terminal, in real time, driven by our own link."""
 
 import json
+import os
+import subprocess
 import sys
 import threading
 import time
@@ -87,6 +89,47 @@ def test_a_cut_cable_is_noticed_by_both_ends(served) -> None:
         with pytest.raises(LostVehicleError):
             drive(vehicle, DriveCommand(0.3, 0.0), 12.0)
         assert rover.state.speed_mps == 0.0
+
+
+DRIVER = """
+import sys, time
+from drivers.mavlink_address import parse_address
+from drivers.mavlink_vehicle import open_mavlink
+from drivers.vehicle import DriveCommand
+
+with open_mavlink(parse_address(sys.argv[1]), time.monotonic_ns) as vehicle:
+    vehicle.arm()
+    while True:
+        vehicle.drive(DriveCommand(0.5, 0.3))
+        vehicle.poll()
+        time.sleep(0.02)
+"""
+
+
+@pytest.mark.parametrize("way", ["udp", "serial"])
+def test_a_killed_driver_is_stopped_by_the_vehicles_timeout(served, way: str, project_root) -> None:
+    rover = make_rover((0.0, 0.0, 0.0), [], 1.0, 0)
+    if way == "udp":
+        address = "udp:127.0.0.1:24653"
+        served(rover, network_address("udpout:127.0.0.1:24653"))
+    else:
+        address = served(rover, None)
+    search = os.pathsep.join((str(project_root), os.environ.get("PYTHONPATH", "")))
+    driver = subprocess.Popen([sys.executable, "-c", DRIVER, address], env={**os.environ, "PYTHONPATH": search})
+    try:
+        end = time.monotonic() + 30.0
+        while rover.state.speed_mps < 0.5:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+    finally:
+        driver.kill()
+        driver.wait()
+    killed = time.monotonic()
+    while rover.state.speed_mps > 0.0:
+        assert time.monotonic() < killed + 10.0
+        time.sleep(0.005)
+    # Its timeout + 0.1 s, latency, v / a, and 0.2 s for a busy computer.
+    assert 0.9 < time.monotonic() - killed < 1.0 + 0.1 + 0.1 + 0.5 / 1.5 + 0.2
 
 
 def test_nobody_speaks_at_an_address() -> None:
