@@ -103,7 +103,7 @@ class NoisyOdometry:
 
     way_noise_m: standard deviation of the way after one metre; turn_noise_rad: of the heading after one metre without a
     turn, and after one radian at the spot; both grow with the root of way and turn. way_scale: wheels that are larger
-    than thought. The same seed and drive give the same odometry.
+    than thought. way_m: the measured way so far, back and forth. The same seed and drive give the same odometry.
     """
 
     def __init__(
@@ -112,6 +112,7 @@ class NoisyOdometry:
         self._random = np.random.default_rng(seed)
         self._way_noise_m, self._turn_noise_rad, self._way_scale = way_noise_m, turn_noise_rad, way_scale
         self._pose = (0.0, 0.0, 0.0)
+        self.way_m = 0.0
         self._last: FloatArray | None = None
 
     def measure(self, stamp_ns: int, state: RoverState) -> Odometry:
@@ -125,6 +126,7 @@ class NoisyOdometry:
         way_error, turn_error = self._random.standard_normal(2)
         measured_way = self._way_scale * way + self._way_noise_m * math.sqrt(abs(way)) * way_error
         measured_turn = turn + self._turn_noise_rad * math.sqrt(abs(turn) + abs(way)) * turn_error
+        self.way_m += measured_way
         x, y, yaw = self._pose
         heading = yaw + measured_turn / 2.0
         self._pose = (
