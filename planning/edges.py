@@ -80,8 +80,11 @@ def edge_is_free(
             continue
         moves_m = _swing(corners, turns[piece], radius) * abs(lengths[piece]) / steps
         step = 0
-        while step + int((room_m - _ROUNDING_M) / moves_m) < steps:
-            step += max(int((room_m - _ROUNDING_M) / moves_m), 1)
+        while step < steps:
+            proven = min((room_m - _ROUNDING_M) / moves_m, float(steps))  # as a float: of next to no length, no integer
+            if step + int(proven) >= steps:
+                break
+            step += max(int(proven), 1)
             part = lengths[piece] * (step / steps)
             at_x, at_y, at_yaw = reeds_shepp.drive(x, y, yaw, part, turns[piece], radius)
             room_m = _room_m(blocked, distance_m, cell_m, corners, outer_radius_m, discs, at_x, at_y, at_yaw)

@@ -14,6 +14,9 @@ FloatArray = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]
 
 LEAST_RADIUS_M = 0.2
+BETWEEN_POSES_M = (
+    2e-4  # an outline may come so much nearer between two poses a centimetre apart: 0.04 mm, and some more
+)
 _QCAR: Corners = ((-0.0845, -0.096), (0.3405, -0.096), (0.3405, 0.096), (-0.0845, 0.096))
 
 
@@ -22,7 +25,8 @@ class Vehicle:
     """Lengths in m, poses of base_link.
 
     footprint: corners (x, y) of the body from base_link, which lies inside; of an outline that is not convex the hull
-    counts, and is kept, counter-clockwise. margin_m is added to every side while planning (corners stay sharp).
+    counts, and is kept, counter-clockwise. margin_m is added to every side while planning (corners stay sharp), and a
+    fifth of a millimetre for what lies between two poses that are checked.
     reverse_cost: what a metre backwards costs in metres forwards; cusp_cost_m: what a change of gear costs.
 
     Defaults: Quanser QCar, wheel base 0.256 m and steering of 30 deg (Quanser's configuration files), which turns on
@@ -57,7 +61,7 @@ class Vehicle:
             if not (math.isfinite(value) and value >= least):
                 raise PlanningError(f"vehicle: {name} is {value}, expected {least:g} or more")
         body = np.array(_hull(self.footprint))
-        corners = _grown(body, self.margin_m)
+        corners = _grown(body, self.margin_m + BETWEEN_POSES_M)
         derived = {
             "footprint": tuple((float(x), float(y)) for x, y in body),
             "body": body,

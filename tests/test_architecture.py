@@ -21,7 +21,7 @@ ADAPTERS = {
     },
     "matplotlib": {"tools.plots"},
     "mcap": {"drivers.recording_mcap"},
-    "ompl": {"planning.ompl_planners"},
+    "ompl": {"planning.ompl_planners", "tools.plan_peer"},
     "open3d": {"mapping.open3d_projection"},
     "pymavlink": {"drivers.mavlink_codec"},
     "rosbags": {

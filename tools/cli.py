@@ -22,6 +22,7 @@ from tools.commands import (
     bench_depth,
     bench_fusion,
     bench_lidar,
+    bench_plan,
     bench_slam,
     config,
     demo,
@@ -77,6 +78,7 @@ bench.app.command("depth")(bench_depth.depth)
 bench.app.command("slam")(bench_slam.slam)
 bench.app.command("fusion")(bench_fusion.fusion)
 bench.app.command("lidar")(bench_lidar.lidar)
+bench.app.command("plan")(bench_plan.plan)
 app.add_typer(emulate.app, name="emulate")
 app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")

@@ -76,3 +76,12 @@ def test_steering_takes_the_words_of_its_kind():
         assert cost == reeds_shepp.length(*ends, 0.5, 1.5, 0.3)
         assert edges.steer(edges.DUBINS, *ends, 0.5, 1.5, 0.3, lengths, turns) == dubins.length(*ends, 0.5, 1.5, 0.3)
         assert lengths.min() >= 0.0
+
+
+@pytest.mark.parametrize("length_m", [1e-10, 1e-22, 5e-324])
+def test_a_piece_of_next_to_no_length_is_checked_and_that_ends(length_m):
+    blocked, far_m = np.zeros((60, 60), bool), np.full((60, 60), 0.8, np.float32)
+    lengths, turns = np.array([length_m, 0.0, 0.0, 0.0, 0.0]), np.array([1, 0, 0, 0, 0])
+    car = Vehicle()
+    arguments = (blocked, far_m, 0.05, car.corners, car.outer_radius_m, lengths, turns, 1.5, 1.5, 0.0, 0.576, 0.01)
+    assert edges.edge_is_free(*arguments)

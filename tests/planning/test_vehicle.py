@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from planning.errors import PlanningError
-from planning.vehicle import Vehicle
+from planning.vehicle import BETWEEN_POSES_M, Vehicle
 
 SHIP = ((-0.1, -0.1), (0.2, -0.1), (0.35, 0.0), (0.2, 0.1), (-0.1, 0.1))
 
@@ -43,10 +43,10 @@ def test_the_margin_lies_outside_every_side_and_no_more(points, margin_m):
     normals = np.column_stack([sides[:, 1], -sides[:, 0]]) / np.hypot(*sides.T)[:, np.newaxis]
     offsets = (normals * car.body).sum(axis=1)
     # Each grown side is the old one moved by the margin: both of its ends lie on that line, all other corners inside.
-    beyond = car.corners @ normals.T - offsets - margin_m
+    beyond = car.corners @ normals.T - offsets - margin_m - BETWEEN_POSES_M
     assert beyond.max() < 1e-6
     np.testing.assert_allclose(np.diag(beyond), 0.0, atol=1e-6)
-    assert offsets.min() + margin_m == pytest.approx(car.inradius_m, abs=1e-9)
+    assert offsets.min() + margin_m + BETWEEN_POSES_M == pytest.approx(car.inradius_m, abs=1e-9)
     assert (points @ normals.T <= offsets + 1e-6).all()
 
 

@@ -4,21 +4,39 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from tools.commands.options import Json, Seed, TimeLimit, TurningRadius, print_json
-from tools.errors import ToolError
+from tools.commands.options import Json, Seed, TimeLimit, TurningRadius, finite, print_json
+from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from tools.plan_trials import Trial
 
 log = logging.getLogger(__name__)
 
 
 def plans(
-    problems: Annotated[
-        Path, typer.Argument(metavar="PROBLEMS.json", help="{map: [{start, goal, ref}]}, with <map>.yaml beside it.")
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PROBLEMS.json",
+            help="{map: [{start, goal, ref}]}, <map>.yaml beside it; with --random or --blocked also maps and folders.",
+        ),
     ],
+    random: Annotated[
+        int,
+        typer.Option("--random", min=0, metavar="N", help="Instead: N random problems over the maps, 6 m and more."),
+    ] = 0,
+    blocked: Annotated[
+        bool, typer.Option("--blocked", help="Instead: 30 problems without a solution on each map.")
+    ] = False,
+    budget: Annotated[
+        float, typer.Option(metavar="S", min=0.0, max=60.0, callback=finite, help="To shorten each random plan.")
+    ] = 0.05,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes at a time, for --random.")] = 1,
     radius: TurningRadius = 0.576,
     time_limit: TimeLimit = 10.0,
     unknown_free: Annotated[bool, typer.Option("--unknown-free", help="Let paths cross unseen space.")] = False,
@@ -33,8 +51,17 @@ def plans(
     from planning.plan import Planner, PlanSettings
     from planning.vehicle import Vehicle
     from tools.plan_problems import evaluate_plans
+    from tools.plan_trials import Trial
 
     unknown = UnknownSpace.free if unknown_free else UnknownSpace.forbidden
+    if random or blocked:
+        trial = Trial(
+            Vehicle(turning_radius_m=radius), unknown, PlanSettings(budget_s=budget, time_limit_s=time_limit), seed
+        )
+        _try(sources, trial, random, jobs, as_json)
+    if len(sources) > 1:
+        raise UsageError("several files: only with --random or --blocked")
+    problems = sources[0]
     reports = []
     for planner in (Planner.car, Planner.rrt, Planner.rrt_connect):
         settings = PlanSettings(planner, time_limit_s=time_limit)
@@ -55,3 +82,42 @@ def plans(
         raise ToolError(f"{colliding} of the paths collide: see 'colliding'")
     solved = all(row["solved"] == row["problems"] for _, _, row in maps)
     raise typer.Exit(ExitCode.OK if solved else ExitCode.PARTIAL)
+
+
+def _try(sources: list[Path], trial: Trial, count: int, jobs: int, as_json: bool) -> NoReturn:
+    """Run the random problems, or where count is 0 those without a solution, and end the command."""
+    from tools.blocked_plans import try_blocked_plans
+    from tools.maps_at_hand import map_files
+    from tools.plan_trials import try_random_plans
+
+    files = map_files(sources)
+    report = (
+        try_random_plans(files, count, trial, jobs, log.info) if count else try_blocked_plans(files, trial, log.info)
+    )
+    if as_json:
+        print_json(report)
+    elif count:
+        for name, row in [*report["maps"].items(), ("all", report.get("all"))]:
+            if row:
+                faults = {kind: row[kind] for kind in ("colliding", "too_curved", "wrong_gears", "gaps", "ends_off")}
+                typer.echo(
+                    f"{Path(name).stem}: {row['solved']}/{row['problems']} {faults} {row['errors']} {row['first_ms']}"
+                )
+    else:
+        for row in report["rows"]:
+            typer.echo(
+                f"{Path(row['map']).stem}: {row['made']}: {row['error']} in {1000.0 * row['seconds']:.1f} ms"
+                f"{'' if row['right'] else ' WRONG, expected ' + row['expected']}"
+            )
+        typer.echo(
+            f"{report['right']}/{report['problems']} right, {report['late']} later than 50 ms, {report['seconds']}"
+        )
+    for name in report["narrow"]:
+        typer.echo(f"{name}: left out: no two poses of the car 6 m apart are joined", err=True)
+    rows = [report["all"]] if report.get("all") else []
+    if any(
+        row["colliding"] or row["too_curved"] or row["wrong_gears"] or row["gaps"] or row["ends_off"] for row in rows
+    ):
+        raise ToolError("some of the paths have faults: see them with --json, 'failures'")
+    whole = report["right"] == report["problems"] if not count else all(r["solved"] == r["problems"] for r in rows)
+    raise typer.Exit(ExitCode.OK if whole else ExitCode.PARTIAL)
