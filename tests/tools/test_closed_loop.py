@@ -83,7 +83,7 @@ def test_a_box_on_the_path_is_never_touched(room):
 
 
 def test_without_scans_the_car_stops_and_says_why(room):
-    lost = []
+    lost: list[float] = []
 
     def unplug(closed, pilot, _, now_s):
         if pilot.step is not None and pilot.step.progress_m > 0.5 and not lost:
