@@ -45,6 +45,10 @@ class DeviceLostError(DriverError):
     """The device was there and went away during use (unplugged, silent)."""
 
 
+class LinkFullError(DeviceLostError):
+    """The port is there and takes no more bytes: what was to be sent is lost, at least in part."""
+
+
 class RecordingError(Exception):
     """A file is not a recording that can be read, or holds nothing of use; the command line exits with 1."""
 

@@ -82,6 +82,23 @@ class Odometry:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Imu:
+    """Turning speeds (3,) in rad/s and accelerations (3,) in m/s², as felt: a car that stands feels +9.81 along z.
+
+    Axes of frame_id: x ahead, y left, z up (REP-103).
+    """
+
+    stamp_ns: int
+    angular_velocity_radps: FloatArray
+    acceleration_mps2: FloatArray
+    frame_id: str = "base_link"
+
+    def __post_init__(self) -> None:
+        for name in ("angular_velocity_radps", "acceleration_mps2"):
+            object.__setattr__(self, name, _frozen_array(getattr(self, name), (3,), name))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Transform:
     """Pose of child frame in parent frame: translation (3,) in m, quaternion (4,) as x, y, z, w."""
 

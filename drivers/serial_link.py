@@ -18,6 +18,7 @@ from serial.tools import list_ports
 from drivers.errors import (
     DeviceLostError,
     DriverError,
+    LinkFullError,
     PortBusyError,
     PortMissingError,
     PortPermissionError,
@@ -30,9 +31,10 @@ _WRITE_TIMEOUT_S = 1.0
 _NO_SUCH_LINE = (errno.ENOTTY, errno.EINVAL)  # what a pseudo-terminal answers when asked for a modem line
 
 
-def open_serial(port: str, baud: int) -> SerialLink:
+def open_serial(port: str, baud: int, *, write_timeout_s: float = _WRITE_TIMEOUT_S) -> SerialLink:
     """Open `port` (a path, a COM name or a pyserial URL) at `baud`, 8N1, with DTR and RTS cleared throughout.
 
+    write_timeout_s: how long a write waits for room before it raises LinkFullError.
     Clear before the open, because an RPLIDAR board takes an asserted DTR as "stop the motor". Raises PortMissingError,
     PortPermissionError, PortBusyError, or DriverError for anything else that keeps the port shut.
     """
@@ -41,7 +43,7 @@ def open_serial(port: str, baud: int) -> SerialLink:
         device.baudrate = baud
         device.timeout = 0
         if not port.lower().startswith("rfc2217:"):  # pyserial refuses it there
-            device.write_timeout = _WRITE_TIMEOUT_S
+            device.write_timeout = write_timeout_s
         device.dtr = False
         device.rts = False
         device.exclusive = True
@@ -74,9 +76,13 @@ class SerialLink(Closing):
             raise self._lost("reading", error) from error
 
     def write(self, data: bytes) -> None:
-        """Send all of data; DeviceLostError if the port went or takes nothing for a second."""
+        """Send all of data; DeviceLostError if the port went, and its kind LinkFullError if it takes nothing."""
         try:
             self._device.write(data)
+        except serial.SerialTimeoutException as error:
+            raise LinkFullError(
+                f"{self.port}: takes no more bytes: check its speed, and that the device is switched on"
+            ) from error
         except (OSError, ValueError, TypeError) as error:
             raise self._lost("writing", error) from error
 

@@ -23,6 +23,7 @@ ADAPTERS = {
     "mcap": {"drivers.recording_mcap"},
     "ompl": {"planning.ompl_planners", "tools.plan_peer"},
     "open3d": {"mapping.open3d_projection"},
+    "pymavlink": {"drivers.mavlink_codec"},
     "rosbags": {
         "drivers.depth_codec",
         "drivers.realsense_bag",
@@ -35,7 +36,18 @@ ADAPTERS = {
     "sklearn": {"tools.ranking_learning"},
 }
 # Each costs a good part of a second: the command that needs one imports it, so that --help answers at once.
-SLOW_TO_IMPORT = ("cv2", "kiss_icp", "matplotlib", "numba", "ompl", "open3d", "rosbags", "scipy", "sklearn")
+SLOW_TO_IMPORT = (
+    "cv2",
+    "kiss_icp",
+    "matplotlib",
+    "numba",
+    "ompl",
+    "open3d",
+    "pymavlink",
+    "rosbags",
+    "scipy",
+    "sklearn",
+)
 CLOCKS_AND_CHANCE = {"datetime", "random", "secrets", "time", "uuid"}
 NAMES_WITHOUT_CONTENT = {"base", "common", "helper", "helpers", "manager", "misc", "shared", "types", "util", "utils"}
 

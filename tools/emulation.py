@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +15,7 @@ from drivers.pty_port import PtyPort
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import EmulatedModel
 from mapping.trajectory import Trajectory, read_tum, write_tum
+from tools.announcement import announce
 from tools.clock import RunClock
 from tools.config import Config
 from tools.emulated_camera import EmulatedCar
@@ -159,13 +158,13 @@ def serve_lidar(
     car(None)
     model = sensor.emulator.model
     with sensor.port:
-        _announce(as_json, "ready", address=sensor.address, model=model.name, baud=model.baud, drive=drive.name)
+        announce(as_json, "ready", address=sensor.address, model=model.name, baud=model.baud, drive=drive.name)
         waiting = [(0.0, "departed"), (drive.duration_s, "arrived")]
         shared = False
         while not stop.wait(_POLL_S):
             event = sensor.follow_script()
             if event is not None:
-                _announce(as_json, event, address=sensor.address)
+                announce(as_json, event, address=sensor.address)
             start_ns = ranger.start_ns
             if start_ns is None:
                 continue
@@ -174,13 +173,13 @@ def serve_lidar(
                 shared = True
             while waiting and clock.monotonic_ns() >= start_ns + waiting[0][0] * 1e9:
                 _, name = waiting.pop(0)
-                _announce(as_json, name, **({"seconds": round(drive.duration_s, 1)} if name == "departed" else {}))
+                announce(as_json, name, **({"seconds": round(drive.duration_s, 1)} if name == "departed" else {}))
     if truth is not None and ranger.start_ns is not None:
         shift_ns = ranger.start_ns + clock.offset_ns - int(drive.truth.stamps_ns[0])
         with writing_to(truth):
             write_tum(truth, replace(drive.truth, stamps_ns=drive.truth.stamps_ns + shift_ns))
     counters = sensor.emulator.counters
-    _announce(as_json, "stopped", samples_emitted=counters.samples_emitted, bytes_lost=sensor.port.bytes_lost)
+    announce(as_json, "stopped", samples_emitted=counters.samples_emitted, bytes_lost=sensor.port.bytes_lost)
 
 
 def car_writer(path: Path | None, world: str, drive: Drive) -> Callable[[int | None], None]:
@@ -194,13 +193,3 @@ def car_writer(path: Path | None, world: str, drive: Drive) -> Callable[[int | N
                 EmulatedCar(world, drive.truth, start_ns).write(path)
 
     return share
-
-
-def _announce(as_json: bool, event: str, **details: object) -> None:
-    """Print one event as one line."""
-    if as_json:
-        text = json.dumps({"event": event, **details})
-    else:
-        text = "  ".join([event, *(f"{key} {value}" for key, value in details.items())])
-    sys.stdout.write(text + "\n")
-    sys.stdout.flush()

@@ -7,13 +7,21 @@ import socket
 import sys
 import termios
 import threading
+import time
 import tty
 
 import pytest
 import serial
 from serial import rfc2217
 
-from drivers.errors import DeviceLostError, DriverError, PortBusyError, PortMissingError, PortPermissionError
+from drivers.errors import (
+    DeviceLostError,
+    DriverError,
+    LinkFullError,
+    PortBusyError,
+    PortMissingError,
+    PortPermissionError,
+)
 from drivers.serial_link import open_serial, usb_adapter
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals need a POSIX system")
@@ -206,3 +214,14 @@ def test_a_port_on_the_network() -> None:
 @posix
 def test_a_pseudo_terminal_is_no_usb_adapter(pair) -> None:
     assert usb_adapter(pair[1]) is None
+
+
+@posix
+def test_a_port_that_takes_nothing_says_so_in_time(pair) -> None:
+    _, name = pair
+    link = open_serial(name, 115200, write_timeout_s=0.004)
+    began = time.perf_counter()
+    with pytest.raises(LinkFullError, match="takes no more bytes"):
+        link.write(bytes(200_000))
+    assert time.perf_counter() - began < 1.0
+    link.close()

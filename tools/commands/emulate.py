@@ -132,3 +132,53 @@ def lidar(
         share = car_writer(car, world or toured, drive)
         sensor = EmulatedSensor(emulated, ranger, board=wiring == Wiring.board, script=script, link=link)
         serve_lidar(sensor, ranger, drive, stop, truth=truth, as_json=as_json, car=share)
+
+
+@app.command()
+def rover(
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to", metavar="ADDRESS", help="udpout:HOST:PORT sends there, udp:HOST:PORT waits to be spoken to."
+        ),
+    ] = "udpout:127.0.0.1:14550",
+    serial: Annotated[bool, typer.Option("--serial", help="On a pseudo-terminal instead.")] = False,
+    link: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="With --serial: make this a symbolic link to the port.")
+    ] = None,
+    pose: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y YAW", help="Where it stands at first, in m and rad.")
+    ] = (0.0, 0.0, 0.0),
+    timeout_s: Annotated[
+        float | None,
+        typer.Option("--timeout", metavar="S", min=0.1, help="It stops so long after a setpoint; else 3 s."),
+    ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND[=VALUE][@START[+S]]", help="What goes wrong, such as silence@5+2; may be repeated."),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the true drive (TUM, wall-clock stamps) at the end.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the odometry's noise.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """A MAVLink vehicle, as an ArduRover behaves, on UDP or a pseudo-terminal; serves until Ctrl-C.
+
+    It begins in MANUAL and disarmed, with a QCar's size and limits; no walls stop it. Faults: silence, deaf, cut,
+    refuse-arm, mode, disarm; see docs/vehicle.md.
+    """
+    from tools.results import check_new_file
+    from tools.rover_emulation import make_rover, network_address, serve_rover
+    from tools.signals import stop_on_signals
+
+    if not all(math.isfinite(value) for value in pose):
+        raise UsageError(f"--pose {pose[0]:g} {pose[1]:g} {pose[2]:g}: expected finite x and y in m and yaw in rad")
+    if link is not None and not serial:
+        raise UsageError("--link: needs --serial")
+    if truth is not None:
+        check_new_file(truth)
+    address = None if serial else network_address(to)
+    vehicle = make_rover(pose, fault or [], timeout_s, seed)
+    with stop_on_signals() as stop:
+        serve_rover(vehicle, address, stop, serial_link=link, truth=truth, as_json=as_json)

@@ -1,0 +1,107 @@
+"""How well a drive in the closed loop went: the only place that looks at the simulator's truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping import se2
+from mapping.grid import OccupancyGrid
+from planning.path import Path
+from planning.vehicle import Vehicle
+from tools.autopilot import Drive
+from tools.closed_loop import Tick
+from tools.plan_problems import colliding_poses
+from tools.world import World
+
+FloatArray = NDArray[np.float64]
+
+_WINDOW_M = 0.6  # around where the follower thinks it is: a path may pass a place twice
+_STANDING_MPS = 1e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrueDrive:
+    """What really happened: stamps in s (N,), poses (N, 3) in the map and in the world, speeds in m/s (N,)."""
+
+    stamps_s: FloatArray
+    in_map: FloatArray
+    in_world: FloatArray
+    speeds_mps: FloatArray
+
+    def at(self, stamp_s: float) -> int:
+        """Return the number of the first sample from a time on, the last one after the end."""
+        return min(int(np.searchsorted(self.stamps_s, stamp_s)), len(self.stamps_s) - 1)
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """How far from the goal the car really stood at the end."""
+
+    away_m: float
+    turned_rad: float
+
+
+def arrival(truth: TrueDrive, goal: FloatArray) -> Arrival:
+    """Compare the last pose with a goal (3,) in the map."""
+    off = se2.between(goal, truth.in_map[-1])
+    return Arrival(float(np.hypot(off[0], off[1])), abs(float(off[2])))
+
+
+def largest_cross_track_m(truth: TrueDrive, ticks: list[Tick], drives: list[Drive]) -> float:
+    """Return how far beside its path the rear axle was at most, from setting out to its end or the next one."""
+    worst = 0.0
+    for tick in ticks:
+        if 0 <= tick.path < len(drives) and tick.following:
+            pose = truth.in_map[truth.at(tick.now_s)]
+            worst = max(worst, _beside_m(drives[tick.path].path, tick.progress_m, pose))
+    return worst
+
+
+def _beside_m(path: Path, progress_m: float, pose: FloatArray) -> float:
+    """Return the distance in m of a pose from the path's line of poses around a progress."""
+    steps = np.diff(path.poses[:, :2], axis=0)
+    marks = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+    first, last = np.searchsorted(marks, [progress_m - _WINDOW_M, progress_m + _WINDOW_M])
+    near = path.poses[first : last + 1, :2]
+    starts, sides = near[:-1], np.diff(near, axis=0)
+    share = ((pose[:2] - starts) * sides).sum(axis=1) / np.maximum((sides**2).sum(axis=1), 1e-12)
+    off = starts + np.clip(share, 0.0, 1.0)[:, np.newaxis] * sides - pose[:2]
+    return float(np.hypot(off[:, 0], off[:, 1]).min())
+
+
+def contacts(truth: TrueDrive, world: World, vehicle: Vehicle, since_s: float = 0.0) -> int:
+    """Count true poses from a time on at which the body is in a wall of the world, looked up every centimetre."""
+    grid = OccupancyGrid(np.where(world.occupied, 5.0, -5.0).astype(np.float32), world.resolution_m, world.origin)
+    return colliding_poses(grid, truth.in_world[truth.at(since_s) :: 3], vehicle)
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """After an event: s until the zero-speed command left, and until the car stood; inf where it never did.
+
+    speed_mps: the fastest since the command left, which the car must brake from.
+    """
+
+    command_s: float
+    stood_s: float
+    speed_mps: float
+
+    def in_time(self, command_s: float, deceleration_mps2: float, latency_s: float) -> bool:
+        """Whether the command left within command_s, and the car stood as soon after it as it can brake."""
+        braking_s = latency_s + self.speed_mps / deceleration_mps2
+        return self.command_s <= command_s and self.stood_s <= self.command_s + braking_s + 0.02
+
+
+def stop_after(truth: TrueDrive, ticks: list[Tick], event_s: float) -> Stop:
+    """Measure a stop; only standing for good counts."""
+    moving = [tick.now_s for tick in ticks if tick.now_s > event_s and tick.safe.command.speed_mps != 0.0]
+    since_s = max(moving, default=event_s)
+    zero = next((tick.now_s for tick in ticks if tick.now_s > since_s), np.inf)
+    rolling = np.flatnonzero(np.abs(truth.speeds_mps) > _STANDING_MPS)
+    last = int(rolling[-1]) if len(rolling) else 0
+    stood_s = np.inf if last + 1 >= len(truth.stamps_s) else float(truth.stamps_s[last + 1])
+    speed_mps = float(np.abs(truth.speeds_mps[truth.at(min(zero, truth.stamps_s[-1])) :]).max())
+    return Stop(float(zero - event_s), max(0.0, stood_s - event_s), speed_mps)

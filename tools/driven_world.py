@@ -1,0 +1,89 @@
+"""A simulated car in a world that changes: what its laser measures follows from where its commands have brought it.
+
+Nothing but the scorer may read the truth that is kept here.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.rover_dynamics import RoverDynamics, RoverModel
+from drivers.vehicle import STANDSTILL, DriveCommand
+from mapping import se2
+from mapping.mount import Mount
+from tools.world import World
+
+FloatArray = NDArray[np.float64]
+Corners = tuple[float, float, float, float]
+
+_STEP_NS = 10_000_000
+NOISE = (0.004, 0.003)  # m, and share of the range: an A2's ranges scatter by about 1 cm at 2 m
+DROPOUT = 0.01
+_RANGE_M = 12.0
+
+
+class DrivenWorld:
+    """A car at `pose` (3,) of a world, standing, at start_ns; a ranger for the emulated lidar, which lets time pass."""
+
+    def __init__(
+        self,
+        world: World,
+        pose: FloatArray,
+        mount: Mount,
+        *,
+        start_ns: int,
+        seed: int,
+        model: RoverModel | None = None,
+    ) -> None:
+        self.world = world
+        self._mount = mount
+        self._random = np.random.default_rng(seed)
+        self._car = RoverDynamics(pose, model)
+        self._command = STANDSTILL
+        self._stamps_ns = [start_ns]
+        self._poses = [np.array(pose, dtype=np.float64)]
+        self._speeds = [0.0]
+
+    def command(self, command: DriveCommand, now_ns: int) -> None:
+        """Give the car a command now."""
+        self.advance(now_ns)
+        self._command = command
+
+    def put_box(self, corners: FloatArray) -> None:
+        """Put a box with four corners (4, 2) in the world."""
+        import cv2
+
+        occupied = self.world.occupied.astype(np.uint8)
+        local = se2.transform_points(se2.inverse(self.world.origin), corners) / self.world.resolution_m
+        cv2.fillConvexPoly(occupied, np.floor(local).astype(np.int32), (1,))
+        self.world = World(occupied.astype(np.bool_), self.world.resolution_m, self.world.origin)
+
+    def advance(self, until_ns: int) -> None:
+        """Let the car drive up to an instant, in whole steps of 10 ms beyond it at most."""
+        while self._stamps_ns[-1] < until_ns:
+            state = self._car.step(_STEP_NS * 1e-9, self._command)
+            self._stamps_ns.append(self._stamps_ns[-1] + _STEP_NS)
+            self._poses.append(state.pose)
+            self._speeds.append(state.speed_mps)
+
+    @property
+    def truth(self) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        """Stamps in ns (N,), poses (N, 3) in the world and speeds in m/s (N,) so far: for the scorer alone."""
+        return np.array(self._stamps_ns, dtype=np.int64), np.array(self._poses), np.array(self._speeds)
+
+    def __call__(self, times_ns: NDArray[np.int64], theta_cw_rad: FloatArray) -> FloatArray:
+        """Return ranges in m (N,), 0 = no return, at times (N,) for clockwise angles (N,) from the sensor's zero."""
+        self.advance(int(times_ns.max()))
+        first = max(len(self._stamps_ns) - 3 - int((self._stamps_ns[-1] - times_ns.min()) // _STEP_NS), 0)
+        stamps, poses = np.array(self._stamps_ns[first:]), np.array(self._poses[first:])
+        x, y, yaw = (
+            np.interp(times_ns, stamps, column) for column in (poses[:, 0], poses[:, 1], np.unwrap(poses[:, 2]))
+        )
+        sensor = se2.compose(np.column_stack([x, y, yaw]), self._mount.pose)
+        bearings = theta_cw_rad if self._mount.inverted else -theta_cw_rad
+        ranges = self.world.ranges(sensor, bearings, _RANGE_M)
+        noisy = ranges + self._random.normal(size=len(ranges)) * (NOISE[0] + NOISE[1] * ranges)
+        seen = (ranges > 0.0) & (self._random.random(len(ranges)) >= DROPOUT)
+        measured: FloatArray = np.where(seen, np.maximum(noisy, 0.0), 0.0)
+        return measured
