@@ -14,9 +14,7 @@ FloatArray = NDArray[np.float64]
 Corners = tuple[tuple[float, float], ...]
 
 LEAST_RADIUS_M = 0.2
-BETWEEN_POSES_M = (
-    2e-4  # an outline may come so much nearer between two poses a centimetre apart: 0.04 mm, and some more
-)
+BETWEEN_POSES_M = 5e-4  # between two poses a millimetre apart a swinging corner comes so much nearer at most
 _QCAR: Corners = ((-0.0845, -0.096), (0.3405, -0.096), (0.3405, 0.096), (-0.0845, 0.096))
 
 
@@ -25,8 +23,8 @@ class Vehicle:
     """Lengths in m, poses of base_link.
 
     footprint: corners (x, y) of the body from base_link, which lies inside; of an outline that is not convex the hull
-    counts, and is kept, counter-clockwise. margin_m is added to every side while planning (corners stay sharp), and a
-    fifth of a millimetre for what lies between two poses that are checked.
+    counts, and is kept, counter-clockwise. margin_m is added to every side while planning (corners stay sharp), and
+    half a millimetre for what lies between two poses that are checked.
     reverse_cost: what a metre backwards costs in metres forwards; cusp_cost_m: what a change of gear costs.
 
     Defaults: Quanser QCar, wheel base 0.256 m and steering of 30 deg (Quanser's configuration files), which turns on

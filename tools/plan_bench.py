@@ -36,8 +36,9 @@ FloatArray = NDArray[np.float64]
 REF_CAR = Vehicle(turning_radius_m=0.443, margin_m=0.0, reverse_cost=1.0, cusp_cost_m=0.0)
 _PEER_LIMIT_S = 5.0
 _CANCEL_AFTER_S = (0.0, 0.25)  # a search is cancelled at a random time in between
-_LONG = PlanSettings(budget_s=60.0, time_limit_s=60.0)  # of a search that only being cancelled ends
+_LONG = PlanSettings(Planner.rrt_star, budget_s=60.0, time_limit_s=60.0)  # of a search that only being cancelled ends
 _START = "import time; from planning.worker_process import warm_up; warm_up(time.monotonic)"
+_WARMING = 200  # plans before memory is first looked at
 _ASK_S = 0.3  # after a plan is asked for, until Ctrl-C
 
 
@@ -137,11 +138,11 @@ def bench_leaks(file: Path, unknown: UnknownSpace, plans: int) -> Report:
     """Return what this process holds before and after so many plans on the first map, OMPL's among them."""
     name, listed = next(iter(read_problems(file).items()))
     on = costmap(read_map(file.with_name(f"{name}.yaml")), Vehicle(), unknown)
-    kinds = (Planner.car, Planner.rrt_connect, Planner.car, Planner.rrt_star)
+    kinds = (Planner.car, Planner.car, Planner.rrt_connect)
     settings = [PlanSettings(planner=kind, budget_s=0.01, time_limit_s=1.0) for kind in kinds]
     held = []
-    for number in range(2 * plans):  # the first half fills what is kept for later: pools of memory, caches
-        if number in (0, plans):
+    for number in range(plans + _WARMING):  # the first ones fill what is kept for later: pools of memory, caches
+        if number in (0, _WARMING):
             held.append(_held())
         problem = listed[number % len(listed)]
         plan(on, problem.start, problem.goal, settings[number % len(kinds)], seed=number, clock=time.process_time)

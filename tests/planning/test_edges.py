@@ -38,16 +38,16 @@ def random_ends(seed: int, count: int, reach_m: float) -> list[tuple[float, floa
 @pytest.mark.parametrize("car", CARS)
 @pytest.mark.parametrize("kind", [edges.REEDS_SHEPP, edges.DUBINS])
 @pytest.mark.parametrize(("seed", "reach_m"), [(1, 0.5), (2, 3.0), (3, 8.0)])
-def test_agrees_with_every_centimetre(car, kind, seed, reach_m):
+def test_agrees_with_every_millimetre(car, kind, seed, reach_m):
     mask, distance_m = cluttered(seed)
     lengths, turns = np.empty(5), np.empty(5, np.int64)
     radius, corners = car.turning_radius_m, car.corners
-    out, gears = np.empty((5000, 3)), np.empty(5000, np.int8)
+    out, gears = np.empty((50000, 3)), np.empty(50000, np.int8)
     free = 0
     for ends in random_ends(seed, 1500, reach_m):
         edges.steer(kind, *ends, radius, 1.5, 0.3, lengths, turns)
         x, y, yaw = ends[:3]
-        count = reeds_shepp.sample(x, y, yaw, lengths, turns, radius, 0.01, out, gears)
+        count = reeds_shepp.sample(x, y, yaw, lengths, turns, radius, 0.001, out, gears)
         expected = poses_are_free(mask, distance_m, CELL_M, out[:count], corners) < 0
         where = (mask, distance_m, CELL_M, corners, car.outer_radius_m)
         assert edges.edge_is_free(*where, lengths, turns, x, y, yaw, radius, 0.01) is expected
