@@ -64,7 +64,8 @@ def edge_is_free(
 ) -> bool:
     """Whether the car is free at all poses that `reeds_shepp.sample` makes of a word with step_m, both ends included.
 
-    And at FINER poses for each of those. Poses are left out only where the room around an earlier one proves them free, whatever point of the car moves most.
+    And at FINER poses for each of those. Poses are left out only where the room around an earlier one proves them free,
+    whatever point of the car moves most.
     """
     x, y, yaw = x0, y0, yaw0
     for piece in range(len(lengths)):

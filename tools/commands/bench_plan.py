@@ -81,17 +81,17 @@ def _besides(
         report["start"] = bench_start()
         for name, taken in report["start"].items():
             cached = "compiles" if name == "first" else "compiled code at hand"
-            yield (f"  {name} start ({cached}): {taken['wall_s']} s, {taken['cpu_s']} s of CPU")
+            yield f"  {name} start ({cached}): {taken['wall_s']} s, {taken['cpu_s']} s of CPU"
     if cancels:
         report["cancel"] = bench_cancel(problems, unknown, cancels)
         for name in ("cancel", "ctrl_c"):
             late = report["cancel"][name]
-            yield (f"  back after {name}: median {late['median']:.1f} ms, most {late['max']:.1f} ms (wall)")
+            yield f"  back after {name}: median {late['median']:.1f} ms, most {late['max']:.1f} ms (wall)"
     if leaks:
         report["leaks"] = bench_leaks(problems, unknown, leaks)
         before, after = report["leaks"]["before"], report["leaks"]["after"]
         for what, label in (("resident_mb", "MB"), ("descriptors", "descriptors"), ("threads", "threads")):
-            yield (f"  {leaks} plans: {before[what]} {label} before, {after[what]} after")
+            yield f"  {leaks} plans: {before[what]} {label} before, {after[what]} after"
 
 
 def _plans_line(row: Report) -> str:
