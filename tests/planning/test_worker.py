@@ -251,7 +251,7 @@ def test_the_process_ends_with_its_parent(slit, tmp_path, project_root, number):
     pid = int(process.stdout.readline())
     time.sleep(0.3)
     os.killpg(process.pid, number)  # as a terminal does, to all that run in it
-    out, err = process.communicate(timeout=10)
+    out, err = process.communicate(timeout=60)
     assert wait_until_gone(pid)
     assert err == ""
     assert (process.returncode, out) == ((0, "interrupted\n") if number == signal.SIGINT else (-number, ""))
