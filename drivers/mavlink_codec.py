@@ -79,7 +79,7 @@ def _packet_size(data: bytes, place: int) -> int | None:
 
 def _dialect() -> Any:
     try:
-        from pymavlink.dialects.v20 import ardupilotmega  # noqa: PLC0415  # see above
+        from pymavlink.dialects.v20 import ardupilotmega  # noqa: PLC0415 - see above
     except ImportError as error:
         raise DriverError(f"MAVLink needs pymavlink ({error}): pip install 'pymavlink>=2.4.40'") from error
     return ardupilotmega

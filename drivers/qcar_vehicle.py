@@ -41,10 +41,10 @@ _GYRO_ZERO_S = 1.0  # the gyroscope's zero is averaged over about so long at sta
 class QcarBoard(Protocol):
     """The part of pal.products.qcar.QCar that is used; arrays have one or three elements."""
 
-    motorEncoder: Any  # noqa: N815  # Quanser's names
+    motorEncoder: Any  # noqa: N815 - Quanser's name
     gyroscope: Any
     accelerometer: Any
-    batteryVoltage: Any  # noqa: N815
+    batteryVoltage: Any  # noqa: N815 - likewise
 
     def read(self) -> None:
         """Bring the attributes up to date."""
@@ -75,7 +75,7 @@ class QcarSettings:
 def open_board(throttle_limit: float = QcarSettings().throttle_limit) -> QcarBoard:
     """Return Quanser's object; raises DriverError where its API is missing."""
     try:
-        from pal.products.qcar import QCar  # noqa: PLC0415  # installed on a QCar alone
+        from pal.products.qcar import QCar  # noqa: PLC0415 - installed on a QCar alone
     except ImportError as error:
         raise DriverError(
             f"qcar: Quanser's Python API is missing ({error}): run on the car, with its PYTHONPATH"

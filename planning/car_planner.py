@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planning.costmap import Costmap
-from planning.first_path import Deadline, first_path, shortest_way, steering
+from planning.edges import steering
+from planning.first_path import Deadline, first_path, shortest_way
 from planning.footprint import poses_are_free
 from planning.improving import Improvement
 from planning.ompl_planners import EndedBy, Limits, OmplPlanner, find_path
@@ -52,7 +53,7 @@ def find_car_path(costmap: Costmap, start: FloatArray, goal: FloatArray, seed: i
     found = first_path(costmap, ends, seed, deadline, routes=_MOST_ROUTES, bridges=_MOST_BRIDGES)
     if found is None and not deadline.is_over():
         anyhow = find_path(costmap, start, goal, OmplPlanner.rrt_connect, seed=seed, limits=deadline.rest())
-        found = None if anyhow is None else words_between(anyhow.states, *steering(costmap)[:2], 1.0, 0.0)
+        found = None if anyhow is None else words_between(anyhow.states, *steering(costmap.vehicle)[:2], 1.0, 0.0)
     return None if found is None else _shortened(costmap, ends, found, seed, deadline)
 
 

@@ -48,7 +48,7 @@ def shortest_into(
     yaw1: float,
     radius: float,
     reverse_cost: float,  # noqa: ARG001 - one signature for both kinds of words
-    cusp_cost: float,  # noqa: ARG001
+    cusp_cost: float,  # noqa: ARG001 - likewise
     lengths: FloatArray,
     turns: TurnArray,
 ) -> float:
@@ -58,22 +58,6 @@ def shortest_into(
     lengths[0], lengths[1], lengths[2] = t * radius, u * radius, v * radius
     turns[0], turns[1], turns[2] = first, middle, last
     return cost * radius
-
-
-@numba.njit(cache=True)
-def length(
-    x0: float,
-    y0: float,
-    yaw0: float,
-    x1: float,
-    y1: float,
-    yaw1: float,
-    radius: float,
-    reverse_cost: float,  # noqa: ARG001
-    cusp_cost: float,  # noqa: ARG001
-) -> float:
-    """Return the length of `shortest` in m without the word."""
-    return _search(x0, y0, yaw0, x1, y1, yaw1, radius)[0] * radius
 
 
 @numba.njit(cache=True)

@@ -14,6 +14,7 @@ import numpy as np
 from planning import dubins, reeds_shepp
 from planning.footprint import Distances, Mask, free_length_m, is_free
 from planning.reeds_shepp import PIECES, FloatArray, TurnArray
+from planning.vehicle import Vehicle
 
 REEDS_SHEPP, DUBINS = 0, 1  # kinds of words
 STEP_M = 0.01  # between two checked poses the car stays within its margin
@@ -24,6 +25,12 @@ _NOTHING_M = 1e-300
 _ROOM_M = 0.02  # where the discs leave less, the outline itself is asked
 _MOST_DISCS = 6
 _HALF_DIAGONAL = 0.7072  # of a cell, its square reaches so far from its centre
+
+
+def steering(vehicle: Vehicle) -> tuple[int, float, float, float]:
+    """Return the kind of words, their radius, and what a metre backwards and a cusp cost, in the order of `steer`."""
+    kind = DUBINS if vehicle.forward_only else REEDS_SHEPP
+    return kind, vehicle.turning_radius_m, vehicle.reverse_cost, vehicle.cusp_cost_m
 
 
 @numba.njit(cache=True)
@@ -116,7 +123,7 @@ def way_is_free(
     reverse_cost: float,
     cusp_cost: float,
 ) -> bool:
-    """Whether the word that `steer` takes between two poses is free, at every centimetre."""
+    """Whether the word that `steer` takes between two poses is free, as `edge_is_free` says."""
     lengths, turns = np.empty(PIECES), np.empty(PIECES, np.int64)
     steer(kind, x0, y0, yaw0, x1, y1, yaw1, radius, reverse_cost, cusp_cost, lengths, turns)
     return edge_is_free(

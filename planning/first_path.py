@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planning.costmap import Costmap
-from planning.edges import DUBINS, REEDS_SHEPP
+from planning.edges import steering
 from planning.footprint import Distances, Mask
 from planning.guide import Guide
 from planning.joining import Candidates, candidates, join
@@ -49,13 +49,6 @@ class Deadline:
     def rest(self) -> Limits:
         """Return the limits of a search for a first path that begins now."""
         return replace(self.limits, time_limit_s=self.left_s, iterations=None)
-
-
-def steering(costmap: Costmap) -> tuple[int, float, float, float]:
-    """Return the kind of words, their radius, and what a metre backwards and a cusp cost, as `edges` wants them."""
-    vehicle = costmap.vehicle
-    kind = DUBINS if vehicle.forward_only else REEDS_SHEPP
-    return kind, vehicle.turning_radius_m, vehicle.reverse_cost, vehicle.cusp_cost_m
 
 
 def first_path(
@@ -105,7 +98,8 @@ def _follow(
     costmap: Costmap, along: Candidates, seed: int, deadline: Deadline, bridges: int
 ) -> tuple[Pieces | None, int]:
     """Join candidates to a path, with bridges where joining gets stuck; or say at which candidate that was."""
-    vehicle, words = costmap.vehicle, steering(costmap)
+    vehicle = costmap.vehicle
+    words = steering(vehicle)
     where = (*_map(costmap), vehicle.corners, vehicle.outer_radius_m)
     path: Pieces | None = None
     begin, last = 0, len(along.poses) - 1
@@ -141,7 +135,7 @@ def _bridge(
         limits = replace(deadline.rest(), most_iterations=_BRIDGE_ITERATIONS)
         found = connect(costmap, along.poses[begin], along.poses[end], seed=seed, limits=limits)
         if found is not None:
-            return words_between(found.states, *steering(costmap)), end
+            return words_between(found.states, *steering(costmap.vehicle)), end
     return None
 
 

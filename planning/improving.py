@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planning.costmap import Costmap
-from planning.edges import DUBINS, REEDS_SHEPP, STEP_M, edge_is_free, steer
+from planning.edges import STEP_M, edge_is_free, steer, steering
 from planning.footprint import Distances, Mask
 from planning.pieces import Pieces, cost_between
 from planning.reeds_shepp import PIECES, TurnArray, drive
@@ -33,8 +33,7 @@ class Improvement:
         vehicle = costmap.vehicle
         self._map = (costmap.blocked, costmap.to_blocked_m, costmap.grid.resolution_m)
         self._body = (vehicle.corners, vehicle.outer_radius_m)
-        self._costs = (vehicle.reverse_cost, vehicle.cusp_cost_m)
-        self._steering = (DUBINS if vehicle.forward_only else REEDS_SHEPP, vehicle.turning_radius_m)
+        self._steering = steering(vehicle)
         self._count = len(pieces.lengths)
         room = self._count + _MOST_PIECES
         self._starts, self._lengths = np.zeros((room + 1, 3)), np.zeros(room)
@@ -51,11 +50,11 @@ class Improvement:
     @property
     def cost_m(self) -> float:
         """What it costs now."""
-        return float(cost_between(self._lengths, 0, self._count, 0, 0, *self._costs))
+        return float(cost_between(self._lengths, 0, self._count, 0, 0, *self._steering[2:]))
 
     def attempt(self, tries: int, seed: int) -> None:
         """Try so many random changes; each keeps the path free and makes it cheaper, or is not made."""
-        where = (*self._map, *self._body, *self._steering, *self._costs)
+        where = (*self._map, *self._body, *self._steering)
         chain = (self._starts, self._lengths, self._turns, self._count)
         self._count = int(improve(*where, *chain, tries, seed))
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from mapping import se2
 from planning.costmap import Costmap
-from planning.edges import DUBINS, REEDS_SHEPP, STEP_M, steer, way_is_free
+from planning.edges import DUBINS, STEP_M, steer, steering, way_is_free
 from planning.footprint import is_free, poses_are_free
 from planning.reeds_shepp import PIECES, sample, sample_count
 
@@ -141,8 +141,7 @@ class _Car:
         vehicle = costmap.vehicle
         self._map = (costmap.blocked, costmap.to_blocked_m, costmap.grid.resolution_m)
         self._body = (vehicle.corners, vehicle.outer_radius_m)
-        self.kind = DUBINS if vehicle.forward_only else REEDS_SHEPP
-        self.radius_m = vehicle.turning_radius_m
+        self.kind, self.radius_m = steering(vehicle)[:2]
         self._costs = (self.radius_m, reverse_cost, cusp_cost_m)
 
     def fits(self, state: Any) -> bool:
@@ -168,7 +167,7 @@ class _Car:
         return (poses, gears) if poses_are_free(*self._map, poses, self._body[0]) < 0 else None
 
 
-class _Edges(ob.MotionValidator):  # type: ignore[misc]
+class _Edges(ob.MotionValidator):  # type: ignore[misc]  # OMPL ships no types
     """OMPL's question about an edge, answered by one compiled call. Keeps no space information, which would leak."""
 
     def __init__(self, information: Any, car: _Car) -> None:

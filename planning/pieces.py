@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from planning.edges import STEP_M, steer
-from planning.reeds_shepp import PIECES, TurnArray, drive, sample_count
+from planning.reeds_shepp import PIECES, TurnArray, drive, sample, sample_count
 
 FloatArray = NDArray[np.float64]
 Gears = NDArray[np.int8]
@@ -119,15 +119,9 @@ def _spell_all(
 def _sample(
     starts: FloatArray, lengths: FloatArray, turns: TurnArray, radius: float, poses: FloatArray, gears: Gears
 ) -> None:
-    poses[0] = starts[0]
-    count = 1
+    last = 0
     for piece in range(len(lengths)):
-        steps = int(np.ceil(abs(lengths[piece]) / STEP_M))
-        gear = 1 if lengths[piece] > 0.0 else -1
-        for step in range(1, steps + 1):
-            x, y, yaw = starts[piece, 0], starts[piece, 1], starts[piece, 2]
-            part = lengths[piece] * (step / steps)
-            poses[count, 0], poses[count, 1], poses[count, 2] = drive(x, y, yaw, part, turns[piece], radius)
-            gears[count - 1] = gears[count] = gear
-            count += 1
+        x, y, yaw = starts[piece, 0], starts[piece, 1], starts[piece, 2]
+        part = slice(piece, piece + 1)
+        last += sample(x, y, yaw, lengths[part], turns[part], radius, STEP_M, poses[last:], gears[last:]) - 1
     poses[len(poses) - 1] = starts[len(lengths)]

@@ -70,22 +70,6 @@ def shortest_into(
 
 
 @numba.njit(cache=True)
-def length(
-    x0: float,
-    y0: float,
-    yaw0: float,
-    x1: float,
-    y1: float,
-    yaw1: float,
-    radius: float,
-    reverse_cost: float,
-    cusp_cost: float,
-) -> float:
-    """Return the cost of `shortest` in m without the word."""
-    return _search(x0, y0, yaw0, x1, y1, yaw1, radius, reverse_cost, cusp_cost)[0] * radius
-
-
-@numba.njit(cache=True)
 def _search(
     x0: float,
     y0: float,

@@ -13,7 +13,7 @@ from planning.path import Path
 from planning.vehicle import Vehicle
 from tools.autopilot import Drive
 from tools.closed_loop import Tick
-from tools.plan_problems import colliding_poses
+from tools.plan_checks import colliding_poses
 from tools.world import World
 
 FloatArray = NDArray[np.float64]
@@ -73,9 +73,9 @@ def _beside_m(path: Path, progress_m: float, pose: FloatArray) -> float:
 
 
 def contacts(truth: TrueDrive, world: World, vehicle: Vehicle, since_s: float = 0.0) -> int:
-    """Count true poses from a time on at which the body is in a wall of the world, looked up every centimetre."""
+    """Count true poses from a time on at which the body is in a wall of the world."""
     grid = OccupancyGrid(np.where(world.occupied, 5.0, -5.0).astype(np.float32), world.resolution_m, world.origin)
-    return colliding_poses(grid, truth.in_world[truth.at(since_s) :: 3], vehicle)
+    return colliding_poses(grid, grid.occupied, truth.in_world[truth.at(since_s) :: 3], vehicle.body)
 
 
 @dataclass(frozen=True, slots=True)

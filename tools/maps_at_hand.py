@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 from collections.abc import Iterable
 from pathlib import Path
@@ -16,6 +15,7 @@ from mapping.map_image import decode_image, to_log_odds
 from mapping.map_io import read_map
 from mapping.map_yaml import MapMode, MapYaml, read_map_yaml
 from tools.errors import ToolError
+from tools.plan_problems import map_beside, read_problems
 from tools.real_maps import HALMSTAD_M_PER_PX, read_text_grid
 
 log = logging.getLogger(__name__)
@@ -35,7 +35,7 @@ def map_files(sources: Iterable[Path]) -> list[Path]:
             globs = ("*.yaml", _TABLET_MAPS, _CORRIDORS)
             of_source = sorted(file for glob in globs for file in source.rglob(glob) if _is_map(file))
         elif source.suffix == ".json":
-            of_source = [source.with_name(f"{name}.yaml") for name in _names(source)]
+            of_source = [map_beside(source, name) for name in read_problems(source)]
         else:
             of_source = [source]
         if not of_source:
@@ -70,11 +70,3 @@ def _is_map(file: Path) -> bool:
     if not image.is_file():
         log.warning("%s: left out: its image %s is not there", file, image.name)
     return image.is_file()
-
-
-def _names(problems: Path) -> list[str]:
-    try:
-        names = list(json.loads(problems.read_text(encoding="utf-8")))
-    except (OSError, ValueError, TypeError) as error:
-        raise ToolError(f"{problems}: not a file of planning problems ({fault_in(error)})") from error
-    return [str(name) for name in names]

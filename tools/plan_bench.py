@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -18,15 +17,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.wording import fault_in
 from mapping.map_io import read_map
 from planning.costmap import Costmap, UnknownSpace, costmap
 from planning.plan import Planner, PlanSettings, plan
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker
-from tools.errors import ToolError
 from tools.plan_checks import check_path
 from tools.plan_peer import plan_by_peer
+from tools.plan_problems import TimedProblem, map_beside, read_problems
 from tools.plan_trials import spread
 from tools.processes import memory
 from tools.results import Report
@@ -60,38 +58,14 @@ CONTENDERS = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TimedProblem:
-    """Poses (3,) in the map frame, and the length in m that a path is compared with."""
-
-    start: FloatArray
-    goal: FloatArray
-    ref_m: float
-
-
-def read_problems(file: Path) -> dict[str, list[TimedProblem]]:
-    """Read {map: [{start, goal, ref}]}; raises ToolError."""
-    try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-        return {
-            name: [
-                TimedProblem(np.array(p["start"], float), np.array(p["goal"], float), float(p["ref"])) for p in listed
-            ]
-            for name, listed in content.items()
-        }
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ToolError(f"{file}: not a file of planning problems ({fault_in(error)})") from error
-
-
 def bench_plans(file: Path, unknown: UnknownSpace, on_progress: Callable[[str], None]) -> Iterator[Report]:
     """Yield a row for each contender and map <name>.yaml beside the file: CPU times, the costmap and kernels ready."""
     problems = read_problems(file)
-    grids = {name: read_map(file.with_name(f"{name}.yaml")) for name in problems}
+    grids = {name: read_map(map_beside(file, name)) for name in problems}
     for contender in CONTENDERS:
         for name, listed in problems.items():
             on = costmap(grids[name], contender.vehicle, unknown)
-            if listed:
-                _solved(on, listed[0], contender)  # compiled before the clock runs
+            _solved(on, listed[0], contender)  # compiled before the clock runs
             rows = [row for row in (_solved(on, each, contender) for each in listed) if row is not None]
             report: Report = {"contender": contender.name, "map": name, "problems": len(listed), "solved": len(rows)}
             for key in ("first_ms", "ratio", "seconds"):
@@ -137,7 +111,7 @@ def _started(environment: dict[str, str]) -> Report:
 def bench_leaks(file: Path, unknown: UnknownSpace, plans: int) -> Report:
     """Return what this process holds before and after so many plans on the first map, OMPL's among them."""
     name, listed = next(iter(read_problems(file).items()))
-    on = costmap(read_map(file.with_name(f"{name}.yaml")), Vehicle(), unknown)
+    on = costmap(read_map(map_beside(file, name)), Vehicle(), unknown)
     kinds = (Planner.car, Planner.car, Planner.rrt_connect)
     settings = [PlanSettings(planner=kind, budget_s=0.01, time_limit_s=1.0) for kind in kinds]
     held = []
@@ -163,7 +137,7 @@ def bench_cancel(file: Path, unknown: UnknownSpace, times: int) -> Report:
     """Return how long after being cancelled, and after Ctrl-C, plans of a worker come back, in ms of wall time."""
     problems = read_problems(file)
     name, listed = list(problems.items())[-1]
-    grid = read_map(file.with_name(f"{name}.yaml"))
+    grid = read_map(map_beside(file, name))
     random = np.random.default_rng(0)
     late: dict[str, list[float]] = {"cancel": [], "ctrl_c": []}
     with PlanningWorker(clock=time.monotonic) as worker:

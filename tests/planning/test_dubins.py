@@ -45,7 +45,7 @@ def test_it_is_the_distance_of_ompl_and_ends_at_the_goal(scale_m):
             state.setYaw(yaw)
         lengths, turns, cost = dubins.shortest(*pair, RADIUS_M, 1.5, 0.3)
         assert cost == pytest.approx(space.distance(first, second), abs=1e-6)  # OMPL rounds angles to 1e-6
-        assert cost == dubins.length(*pair, RADIUS_M, 1.0, 0.0)
+        assert cost == dubins.shortest(*pair, RADIUS_M, 1.0, 0.0)[2]
         assert lengths.min() >= 0.0
         assert lengths.sum() == pytest.approx(cost, abs=1e-9)
         error = np.subtract(driven(pair[:3], lengths, turns), pair[3:])
@@ -58,10 +58,10 @@ def test_nothing_that_can_be_driven_forwards_is_shorter():
     for turns in KINDS * 200:
         lengths = random.uniform(0.0, 2.0 * np.pi, 3) * RADIUS_M
         goal = driven(start, lengths, np.array(turns))
-        assert dubins.length(*start, *goal, RADIUS_M, 1.0, 0.0) <= lengths.sum() + 1e-8
+        assert dubins.shortest(*start, *goal, RADIUS_M, 1.0, 0.0)[2] <= lengths.sum() + 1e-8
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -3.0])
 def test_straight_ahead_is_straight_however_it_rounds(yaw):
     goal = (1.0 + 5.0 * np.cos(yaw), 2.0 + 5.0 * np.sin(yaw), yaw)
-    assert dubins.length(1.0, 2.0, yaw, *goal, RADIUS_M, 1.0, 0.0) == pytest.approx(5.0, abs=1e-9)
+    assert dubins.shortest(1.0, 2.0, yaw, *goal, RADIUS_M, 1.0, 0.0)[2] == pytest.approx(5.0, abs=1e-9)

@@ -73,8 +73,10 @@ def test_steering_takes_the_words_of_its_kind():
     lengths, turns = np.empty(5), np.empty(5, np.int64)
     for ends in random_ends(4, 100, 2.0):
         cost = edges.steer(edges.REEDS_SHEPP, *ends, 0.5, 1.5, 0.3, lengths, turns)
-        assert cost == reeds_shepp.length(*ends, 0.5, 1.5, 0.3)
-        assert edges.steer(edges.DUBINS, *ends, 0.5, 1.5, 0.3, lengths, turns) == dubins.length(*ends, 0.5, 1.5, 0.3)
+        assert cost == reeds_shepp.shortest(*ends, 0.5, 1.5, 0.3)[2]
+        assert (
+            edges.steer(edges.DUBINS, *ends, 0.5, 1.5, 0.3, lengths, turns) == dubins.shortest(*ends, 0.5, 1.5, 0.3)[2]
+        )
         assert lengths.min() >= 0.0
 
 

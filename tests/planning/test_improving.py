@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from planning.costmap import Costmap, UnknownSpace, costmap
-from planning.first_path import steering
+from planning.edges import steering
 from planning.improving import Improvement
 from planning.pieces import Pieces, words_between
 from planning.vehicle import Vehicle
-from tools.plan_problems import colliding_poses
+from tools.plan_checks import colliding_poses
 
 DETOUR = np.array([[1.0, 1, 0], [1.5, 3, 1.5], [2.4, 4, 0], [3.3, 3, -0.6], [5, 3, 0], [6.5, 1.5, -1.5]])
 
@@ -22,7 +22,7 @@ def known(request, rooms) -> Costmap:
 
 @pytest.fixture
 def detour(known) -> Pieces:
-    pieces = words_between(DETOUR, *steering(known))
+    pieces = words_between(DETOUR, *steering(known.vehicle))
     assert known.all_fit(known.world(pieces.sampled(0.45)[0]))
     return pieces
 
@@ -35,7 +35,7 @@ def test_it_never_costs_more_stays_free_and_keeps_its_ends(known, detour, rooms)
         costs.append(path.cost_m)
         poses, gears = path.pieces.sampled(0.45)
         assert known.all_fit(known.world(poses))
-        assert colliding_poses(rooms, known.world(poses), known.vehicle) == 0
+        assert colliding_poses(rooms, rooms.occupied, known.world(poses), known.vehicle.body) == 0
         np.testing.assert_allclose(poses[[0, -1], :2], DETOUR[[0, -1], :2], atol=1e-6)
         if known.vehicle.forward_only:
             assert (gears == 1).all()

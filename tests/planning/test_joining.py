@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from planning.costmap import Costmap, UnknownSpace, costmap
-from planning.first_path import steering
+from planning.edges import steering
 from planning.joining import Candidates, candidates, join
 from planning.pieces import words_between
 from planning.vehicle import Vehicle
@@ -33,7 +33,13 @@ def placed(known: Costmap, route: np.ndarray, ends: np.ndarray) -> Candidates:
 
 def joined(known: Costmap, along: Candidates, most_checks: int = 1000) -> np.ndarray:
     arrays = (along.poses, along.layer, along.first, along.to_go_m)
-    arguments: tuple[Any, ...] = (*around(known), known.vehicle.outer_radius_m, *steering(known), *arrays, most_checks)
+    arguments: tuple[Any, ...] = (
+        *around(known),
+        known.vehicle.outer_radius_m,
+        *steering(known.vehicle),
+        *arrays,
+        most_checks,
+    )
     chain: np.ndarray = join(*arguments)
     return chain
 
@@ -56,7 +62,7 @@ def test_a_chain_leads_from_the_start_to_the_goal_by_free_words(known):
     assert chain[0] == 0
     assert chain[-1] == len(along.poses) - 1
     assert (np.diff(along.layer[chain]) > 0).all()
-    poses, _ = words_between(along.poses[chain], *steering(known)).sampled(known.vehicle.turning_radius_m)
+    poses, _ = words_between(along.poses[chain], *steering(known.vehicle)).sampled(known.vehicle.turning_radius_m)
     assert known.all_fit(known.world(poses))
 
 

@@ -15,7 +15,7 @@ from planning.errors import PlanningError
 from planning.ompl_planners import EndedBy
 from planning.plan import Planner, PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
-from tools.plan_problems import colliding_poses
+from tools.plan_checks import colliding_poses
 
 QCAR = Vehicle()
 
@@ -48,7 +48,7 @@ def test_a_path_through_the_door_is_drivable(rooms, planner, seed):
     assert path is not None, result.reason
     np.testing.assert_allclose(path.poses[[0, -1], :2], [start[:2], goal[:2]], atol=1e-6)
     np.testing.assert_allclose(se2.wrap_angle(path.poses[[0, -1], 2] - [start[2], goal[2]]), 0.0, atol=1e-6)
-    assert colliding_poses(rooms, path.poses, QCAR) == 0
+    assert colliding_poses(rooms, rooms.occupied, path.poses, QCAR.body) == 0
     steps = np.diff(path.poses, axis=0)
     lengths, turns = np.hypot(steps[:, 0], steps[:, 1]), np.abs(se2.wrap_angle(steps[:, 2]))
     assert lengths.max() <= 0.0101

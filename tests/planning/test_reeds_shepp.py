@@ -99,7 +99,7 @@ def test_a_word_ends_at_the_goal_and_costs_what_it_says(scale_m, reverse_cost, c
         error[2] = se2.wrap_angle(error[2])
         assert np.abs(error).max() < 1e-9
         assert cost == pytest.approx(cost_of(lengths, reverse_cost, cusp_cost_m), abs=1e-8)
-        assert cost == reeds_shepp.length(*pair, RADIUS_M, reverse_cost, cusp_cost_m)
+        assert cost == reeds_shepp.shortest(*pair, RADIUS_M, reverse_cost, cusp_cost_m)[2]
 
 
 @pytest.mark.parametrize(("reverse_cost", "cusp_cost_m"), [(1.0, 0.0), (1.5, 0.3), (4.0, 0.0), (1.0, 2.0), (0.5, 0.1)])
@@ -107,7 +107,7 @@ def test_nothing_that_can_be_driven_costs_less(reverse_cost, cusp_cost_m):
     start = (0.3, -0.2, 1.1)
     for lengths, turns in random_words(30):
         goal = driven(start, lengths, turns)
-        cost = reeds_shepp.length(*start, *goal, RADIUS_M, reverse_cost, cusp_cost_m)
+        cost = reeds_shepp.shortest(*start, *goal, RADIUS_M, reverse_cost, cusp_cost_m)[2]
         assert cost <= cost_of(lengths, reverse_cost, cusp_cost_m) + 1e-7
 
 

@@ -14,7 +14,7 @@ from planning.path import Path
 from planning.plan import Kept, PlanResult, PlanSettings, plan
 from planning.replan import replan
 from planning.vehicle import Vehicle
-from tools.plan_problems import colliding_poses
+from tools.plan_checks import colliding_poses
 
 SETTINGS = PlanSettings(iterations=20)
 
@@ -63,7 +63,7 @@ def test_what_is_blocked_is_driven_round_and_the_rest_keeps_its_bits(rooms, driv
     assert result.kept is Kept.ends
     assert result.path is not None
     poses = result.path.poses
-    assert colliding_poses(changed, poses, Vehicle()) == 0
+    assert colliding_poses(changed, changed.occupied, poses, Vehicle().body) == 0
     assert known(changed).all_fit(poses)
     assert np.hypot(*np.diff(poses[:, :2], axis=0).T).max() <= 0.01 + 1e-6
     rest = driven.poses[10:]

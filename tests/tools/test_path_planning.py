@@ -21,7 +21,7 @@ from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker
 from tools.config import load
 from tools.path_planning import plan_on_map
-from tools.plan_problems import colliding_poses
+from tools.plan_checks import colliding_poses
 
 ORIGIN = np.array([10.0, -3.0, -0.3])
 
@@ -75,7 +75,7 @@ def test_plan_prints_the_promised_json_and_leaves_a_picture(cli, room, tmp_path)
     }  # fmt: skip
     assert (report["solved"], report["error"], report["advice"]) == (True, None, None)
     assert len(report["path"]) == len(report["direction"]) == len(report["speed_mps"])
-    assert colliding_poses(read_map(room), np.array(report["path"]), Vehicle()) == 0
+    assert colliding_poses(read_map(room), read_map(room).occupied, np.array(report["path"]), Vehicle().body) == 0
     assert (tmp_path / "out/plan.png").stat().st_size > 0
     assert json.loads((tmp_path / "out/plan.json").read_text()) == report
     recorded = recorded_messages(tmp_path / "out/plan.mcap")
@@ -211,7 +211,7 @@ def test_a_goal_that_does_not_fit_may_be_moved_within_its_tolerance(planned):
 def test_every_planner_on_offer_finds_its_way(planned, room, planner):
     report = planned((1.0, 1.0, 0.0), (4.0, 1.0, 0.0), planner=planner, iterations=10)
     assert report["solved"]
-    assert colliding_poses(read_map(room), np.array(report["path"]), Vehicle()) == 0
+    assert colliding_poses(read_map(room), read_map(room).occupied, np.array(report["path"]), Vehicle().body) == 0
 
 
 @pytest.mark.parametrize("option", [("--time-limit", "inf"), ("--time-limit", "nan"), ("--margin", "nan")])
@@ -261,8 +261,8 @@ def test_evaluate_plans_scores_a_file_of_problems(cli, room, tmp_path):
 def test_the_second_opinion_sees_a_collision(room):
     straight = np.linspace([1.0, 1.0, 0.0], [4.0, 1.0, 0.0], 50)
     poses = np.array([[float(value) for value in in_map(*pose)] for pose in straight])
-    assert colliding_poses(read_map(room), poses, Vehicle()) > 0
-    assert colliding_poses(read_map(room), poses[:10], Vehicle()) == 0
+    assert colliding_poses(read_map(room), read_map(room).occupied, poses, Vehicle().body) > 0
+    assert colliding_poses(read_map(room), read_map(room).occupied, poses[:10], Vehicle().body) == 0
 
 
 @pytest.mark.real_data

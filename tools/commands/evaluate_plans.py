@@ -50,7 +50,7 @@ def plans(
     from planning.costmap import UnknownSpace
     from planning.plan import Planner, PlanSettings
     from planning.vehicle import Vehicle
-    from tools.plan_problems import evaluate_plans
+    from tools.plan_evaluation import evaluate_plans
     from tools.plan_trials import Trial
 
     unknown = UnknownSpace.free if unknown_free else UnknownSpace.forbidden
