@@ -14,8 +14,10 @@ from tools.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from tools.plan_trials import Trial
+    from tools.results import Report
 
 log = logging.getLogger(__name__)
+_FAULTS = ("colliding", "too_curved", "wrong_gears", "gaps", "ends_off")
 
 
 def plans(
@@ -97,12 +99,10 @@ def _try(sources: list[Path], trial: Trial, count: int, jobs: int, as_json: bool
     if as_json:
         print_json(report)
     elif count:
+        typer.echo(f"{'map':<28} solved     paths with faults   first path ms, median p95 max   why not")
         for name, row in [*report["maps"].items(), ("all", report.get("all"))]:
             if row:
-                faults = {kind: row[kind] for kind in ("colliding", "too_curved", "wrong_gears", "gaps", "ends_off")}
-                typer.echo(
-                    f"{Path(name).stem}: {row['solved']}/{row['problems']} {faults} {row['errors']} {row['first_ms']}"
-                )
+                typer.echo(_random_line(Path(name).stem, row))
     else:
         for row in report["rows"]:
             typer.echo(
@@ -115,9 +115,16 @@ def _try(sources: list[Path], trial: Trial, count: int, jobs: int, as_json: bool
     for name in report["narrow"]:
         typer.echo(f"{name}: left out: no two poses of the car 6 m apart are joined", err=True)
     rows = [report["all"]] if report.get("all") else []
-    if any(
-        row["colliding"] or row["too_curved"] or row["wrong_gears"] or row["gaps"] or row["ends_off"] for row in rows
-    ):
+    if any(row[kind] for row in rows for kind in _FAULTS):
         raise ToolError("some of the paths have faults: see them with --json, 'failures'")
     whole = report["right"] == report["problems"] if not count else all(r["solved"] == r["problems"] for r in rows)
     raise typer.Exit(ExitCode.OK if whole else ExitCode.PARTIAL)
+
+
+def _random_line(name: str, row: Report) -> str:
+    """Return what came of random problems on one map in one line; a path may have several faults."""
+    faults = [f"{kind.replace('_', ' ')} {row[kind]}" for kind in _FAULTS if row[kind]]
+    first = row["first_ms"]
+    times = f"{first['median']:14.1f} {first['p95']:8.1f} {first['max']:8.1f}" if first else f"{'-':>14}"
+    errors = ", ".join(f"{error} {count}" for error, count in row["errors"].items())
+    return f"{name:<28} {row['solved']:>4}/{row['problems']:<5} {', '.join(faults) or 'none':<18} {times}   {errors}"
