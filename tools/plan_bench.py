@@ -10,7 +10,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -140,7 +140,7 @@ def bench_cancel(file: Path, unknown: UnknownSpace, times: int) -> Report:
     grid = read_map(map_beside(file, name))
     random = np.random.default_rng(0)
     late: dict[str, list[float]] = {"cancel": [], "ctrl_c": []}
-    with PlanningWorker(clock=time.monotonic) as worker:
+    with PlanningWorker(clock=time.monotonic) as worker, _with_ctrl_c():
         worker.set_map(grid, Vehicle(), unknown)
         for number in range(times):
             problem = listed[number % len(listed)]
@@ -150,6 +150,16 @@ def bench_cancel(file: Path, unknown: UnknownSpace, times: int) -> Report:
             problem = listed[number % len(listed)]
             late["ctrl_c"].append(_until_back(worker, problem, _ASK_S, _press_ctrl_c))
     return {key: spread(values) for key, values in late.items()} | {"times": times}
+
+
+@contextmanager
+def _with_ctrl_c() -> Iterator[None]:
+    """Let Ctrl-C be a KeyboardInterrupt also where a shell has this process ignore it, as it does in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _press_ctrl_c() -> None:

@@ -217,7 +217,7 @@ def test_many_plans_leave_nothing_behind(worker, rooms):
 
 
 PROGRAM = """
-import sys, time
+import signal, sys, time
 import numpy as np
 from mapping.grid import OccupancyGrid
 from planning.costmap import UnknownSpace, costmap
@@ -225,6 +225,7 @@ from planning.costmap_update import Window
 from planning.plan import PlanSettings
 from planning.vehicle import Vehicle
 from planning.worker import PlanningWorker
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell has what runs in the background ignore it
 cells = np.load(sys.argv[1])
 with PlanningWorker(clock=time.monotonic) as worker:
     worker.set_map(OccupancyGrid(cells, 0.05, np.zeros(3)), Vehicle(), UnknownSpace.forbidden)
