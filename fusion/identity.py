@@ -8,9 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.grid import OccupancyGrid
+from mapping.grid import FREE_LOG_ODDS, OCCUPIED_LOG_ODDS, LogOdds, OccupancyGrid
 
 _LEAST_CELLS = 1000  # two maps of a few cells agree by chance
+_LATTICE_RAD = 0.02  # a registration of a map with its later version turns by less
+_ROUNDING = 1e-3  # of log-odds
+_AS_CERTAIN = 0.9  # share of free cells that are no less so later
+_KEPT, _KEPT_WALLS = 0.96, 0.8  # shares of an earlier version's cells, and of its walls, that a later one has, at least
 
 
 def known_area_m2(grid: OccupancyGrid) -> float:
@@ -40,6 +44,60 @@ def same_evidence(a: OccupancyGrid, b: OccupancyGrid) -> bool:
     if not enough or a.resolution_m != b.resolution_m:
         return False
     return np.array_equal(_content(a)[0], _content(b)[0])
+
+
+def later_version(later: OccupancyGrid, earlier: OccupancyGrid, T_later_earlier: NDArray[np.float64]) -> bool:
+    """Tell whether a map holds all the evidence of another one: the same robot's map, some time later.
+
+    Decided by content, at a pose (3,) known to about a cell. A map that only grew has nearly all free and occupied
+    cells of its earlier version, walls too, in the very same places of the same lattice, and its free cells are no less
+    certain. Two runs differ: their walls fall on cells at random, and each saw about half of the free cells less often.
+    Where a loop closure moved the walls in between, a later version is not recognised.
+    """
+    if later.resolution_m != earlier.resolution_m or known_area_m2(later) < known_area_m2(earlier):
+        return False
+    turn, offset = _lattice_offset(later, earlier, T_later_earlier)
+    if abs(turn) > _LATTICE_RAD or min(np.count_nonzero(earlier.known), np.count_nonzero(later.known)) < _LEAST_CELLS:
+        return False
+    classes, (first_row, first_col) = _content(earlier)
+    rows, cols = np.nonzero(classes)
+    if len(rows) == 0:
+        return False
+    was = earlier.log_odds[rows + first_row, cols + first_col]
+    return any(
+        _kept(
+            later.log_odds, rows + offset[0] + shift[0] - 1, cols + offset[1] + shift[1] - 1, classes[rows, cols], was
+        )
+        for shift in np.ndindex(3, 3)
+    )
+
+
+def _kept(
+    now: LogOdds, rows: NDArray[np.intp], cols: NDArray[np.intp], classes: NDArray[np.int8], was: LogOdds
+) -> bool:
+    """Tell whether cells (N,) of an earlier map are still what they were in the cells (rows, cols) of a later one."""
+    inside = (rows >= 0) & (rows < now.shape[0]) & (cols >= 0) & (cols < now.shape[1])
+    values = np.zeros(len(rows), np.float32)
+    values[inside] = now[rows[inside], cols[inside]]
+    free, wall = classes > 0, classes < 0
+    same = np.where(free, values <= FREE_LOG_ODDS, values >= OCCUPIED_LOG_ODDS)
+    return bool(
+        same.mean() >= _KEPT
+        and (not wall.any() or same[wall].mean() >= _KEPT_WALLS)
+        and (not free.any() or (values[free] <= was[free] + _ROUNDING).mean() >= _AS_CERTAIN)
+    )
+
+
+def _lattice_offset(
+    later: OccupancyGrid, earlier: OccupancyGrid, T_later_earlier: NDArray[np.float64]
+) -> tuple[float, tuple[int, int]]:
+    """Return by how much earlier's lattice is turned in later's, and the rows, columns from its content to later's."""
+    classes, (row, col) = _content(earlier)
+    lattice = se2.compose(se2.inverse(later.origin), se2.compose(T_later_earlier, earlier.origin))
+    half = np.array(classes.shape[::-1]) / 2.0
+    middle = se2.transform_points(lattice, (np.array([col, row]) + half) * earlier.resolution_m) / later.resolution_m
+    x, y = np.rint(middle - half).astype(int).tolist()
+    return float(lattice[2]), (y, x)
 
 
 def precedes(a: OccupancyGrid, b: OccupancyGrid) -> bool:

@@ -19,7 +19,7 @@ LOG_ODDS_CLAMP = 7.0
 OCCUPIED_THRESHOLD = 0.65
 _GROWTH_M = 6.0  # added beyond what is needed, so that growing stays rare
 FREE_THRESHOLD = 0.196
-_OCCUPIED_LOG_ODDS, _FREE_LOG_ODDS = (np.float32(math.log(p / (1.0 - p))) for p in (OCCUPIED_THRESHOLD, FREE_THRESHOLD))
+OCCUPIED_LOG_ODDS, FREE_LOG_ODDS = (np.float32(math.log(p / (1.0 - p))) for p in (OCCUPIED_THRESHOLD, FREE_THRESHOLD))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,12 +62,12 @@ class OccupancyGrid:
     @property
     def occupied(self) -> NDArray[np.bool_]:
         """(rows, cols) True where a map_server would draw a wall."""
-        return np.asarray(self.log_odds >= _OCCUPIED_LOG_ODDS)
+        return np.asarray(self.log_odds >= OCCUPIED_LOG_ODDS)
 
     @property
     def free(self) -> NDArray[np.bool_]:
         """(rows, cols) True where a map_server would draw free space."""
-        return np.asarray(self.log_odds <= _FREE_LOG_ODDS)
+        return np.asarray(self.log_odds <= FREE_LOG_ODDS)
 
     def cell_coordinates(self, points: FloatArray) -> FloatArray:
         """Return map-frame points (N, 2) in cells (x, y) from the lower-left corner of cell (0, 0)."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.identity import content_hash, precedes, reference_rank, same_evidence
+from fusion.identity import content_hash, later_version, precedes, reference_rank, same_evidence
+from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map, write_map
 
@@ -39,3 +40,27 @@ def test_the_reference_does_not_depend_on_the_order_of_two_maps(view):
     turned = OccupancyGrid(large.log_odds[::-1], large.resolution_m, large.origin)  # as much known area, other cells
     assert precedes(large, turned) != precedes(turned, large)
     assert precedes(large, turned) == (reference_rank(large) < reference_rank(turned))
+
+
+def part_of(grid: OccupancyGrid, columns: int, origin: np.ndarray) -> OccupancyGrid:
+    """The first columns of a grid, in another frame."""
+    return OccupancyGrid(grid.log_odds[:, :columns], grid.resolution_m, origin)
+
+
+def test_a_map_that_grew_is_a_later_version_whatever_its_frame(view):
+    later = view(0.0, 16.0, np.zeros(3), 1)
+    frame = np.array([3.0, -2.0, 0.5])
+    earlier = part_of(later, 200, frame)
+    near = np.array([0.03, -0.02, 0.002])  # as a registration would have it
+    T_later_earlier = se2.compose(se2.compose(near, later.origin), se2.inverse(frame))
+    assert later_version(later, earlier, T_later_earlier)
+    assert not later_version(earlier, later, se2.inverse(T_later_earlier))
+    assert not later_version(later, earlier, se2.compose([1.0, 0.0, 0.0], T_later_earlier))
+
+
+def test_a_second_run_is_no_later_version(view):
+    """Walls of another run lie half a cell off here and there, and so fall on other cells."""
+    first = view(0.0, 16.0, np.zeros(3), 1)
+    second = view(0.0, 20.0, np.array([0.027, 0.022, 0.0]), 2)
+    assert not later_version(second, first, np.array([0.027, 0.022, 0.0]))
+    assert not later_version(view(0.0, 20.0, np.zeros(3), 2, 0.04), first, se2.IDENTITY)
