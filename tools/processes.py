@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from typing import Any, TypeVar
 from tools.errors import ToolError
 
 Result = TypeVar("Result")
+Key = TypeVar("Key", bound=Hashable)
 
 _STATUS = Path("/proc/self/status")
 _CLEAR_PEAK = Path("/proc/self/clear_refs")
@@ -52,6 +54,38 @@ def in_processes(
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=context, initializer=prepare, initargs=arguments) as processes:
         yield from processes.map(work, *tasks)
+
+
+def as_finished(
+    work: Callable[..., Result],
+    tasks: Mapping[Key, Sequence[Any]],
+    *,
+    jobs: int,
+    first: tuple[Callable[..., object], tuple[Any, ...]],
+) -> Iterator[tuple[Key, Result]]:
+    """Yield each task's key and work(*arguments) as soon as it is finished, in so many fresh processes.
+
+    One task or job is done here, without `first`, which each new process does before. Raises ToolError when a process
+    dies; whatever ends this, tasks that have not begun are left out.
+    """
+    if jobs <= 1 or len(tasks) < 2:
+        yield from ((key, work(*arguments)) for key, arguments in tasks.items())
+        return
+    context = multiprocessing.get_context("spawn")
+    processes = ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context, initializer=first[0], initargs=first[1])
+    waiting, running = iter(tasks.items()), dict[Future[Result], Key]()
+    try:
+        while True:
+            for key, arguments in itertools.islice(waiting, 2 * jobs - len(running)):
+                running[processes.submit(work, *arguments)] = key
+            if not running:
+                return
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                yield running.pop(future), future.result()
+    except BrokenProcessPool as error:
+        raise ToolError("a process died: out of memory? Free some, or allow fewer --jobs") from error
+    finally:
+        processes.shutdown(cancel_futures=True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -31,10 +31,11 @@ from tools.exit_codes import ExitCode
 def fuse(
     maps: Annotated[
         list[Path],
-        typer.Argument(metavar="A B", help="Two maps: .yaml or .npz, any resolutions; of one alone a copy is made."),
+        typer.Argument(metavar="MAP...", help="Maps: .yaml or .npz, any resolutions; of one alone a copy is made."),
     ],
     output: OutputFolder = None,
     seed: Seed = 0,
+    jobs: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 1,
     as_json: Json = False,
     method: Method = MethodName.default,
     detector: Detector = None,
@@ -47,13 +48,16 @@ def fuse(
     confidence: Confidence = None,
     common_cell: CommonCellOption = None,
 ) -> None:
-    """Fuse two maps of unknown relative pose into one.
+    """Fuse maps of unknown relative poses, one global map for each group that hangs together.
 
-    Writes global_0.yaml/.pgm/.npz/.png and report.json. The global frame is that of the map with the most known area.
-    Exit code 3: the maps do not belong together as far as can be told, so that each became a global map of its own
-    (global_1 too), or a map without known cells was skipped.
+    Writes global_0.yaml/.pgm/.npz/.png, global_1 and so on, and report.json: groups, the pose of each map with its
+    covariance, and each pair, also those withdrawn since they contradict others. A group's frame is that of its map
+    with the most known area. Interrupted, the same command with the same -o goes on: finished pairs are kept there in
+    pairs.jsonl. --method thesis merges in levels (figure 5.6). Exit code 3: more than one group, as far as can be told,
+    or a map was skipped, since it cannot be read or has no known cell.
     """
-    from tools.map_fusion import fuse_maps
+    from tools.group_fusion import fuse_maps
+    from tools.pair_registration import Registration
 
     settings = thesis_settings(
         method,
@@ -67,16 +71,47 @@ def fuse(
         confidence=confidence,
         common_cell=common_cell,
     )
-    folder, report = fuse_maps(maps, output, method=method.value, settings=settings, seed=seed)
+    folder, report = fuse_maps(maps, output, Registration(method.value, settings, seed), jobs)
     if as_json:
         print_json(report)
     else:
-        for pair in report["pairs"]:
-            typer.echo(f"{'fused' if pair['accepted'] else 'not fused'}: {pair['reason']}")
-        for entry in report["maps"]:
-            where = "skipped" if entry["group"] is None else f"in global_{entry['group']}"
-            typer.echo(f"  {entry['file']}: {where}")
-        count = len({entry["group"] for entry in report["maps"]} - {None})
+        for line in (*_pair_lines(report), *_map_lines(report)):
+            typer.echo(line)
+        count = len(report["groups"])
         typer.echo(f"{folder}: report.json and {count or 'no'} global map{'' if count == 1 else 's'}")
     groups = {entry["group"] for entry in report["maps"]}
     raise typer.Exit(ExitCode.OK if groups == {0} else ExitCode.PARTIAL)
+
+
+def _pair_lines(report: dict[str, Any]) -> list[str]:
+    """Return what was decided: the pairs, where they are few, and else those that were fused or withdrawn."""
+    two = len(report["maps"]) == 2
+    lines = []
+    for pair in report["pairs"]:
+        verdict = "fused" if pair["accepted"] else "withdrawn" if pair["withdrawn"] else "not fused"
+        if two:
+            lines.append(f"{verdict}: {pair['reason']}")
+        elif verdict != "not fused":
+            lines.append(f"{verdict}: {pair['a']} with {pair['b']}: {pair['reason']}")
+    for tree in report.get("trees", []):
+        lines += tree
+    made = report["registrations"]
+    if not two and made["all_pairs"]:
+        lines.append(
+            f"{made['registered']} pairs registered, {made['from_cache']} taken from an earlier run; all pairs would be"
+            f" {made['all_pairs']}; {report['seconds']:.1f} s"
+        )
+    return lines
+
+
+def _map_lines(report: dict[str, Any]) -> list[str]:
+    """Return where each map is."""
+    lines = []
+    for entry in report["maps"]:
+        where = "skipped" if entry["group"] is None else f"in global_{entry['group']}"
+        if "same_as" in entry:
+            where += f", the same map as {entry['same_as']}"
+        elif "counted_within" in entry:
+            where += f", all within {entry['counted_within']}"
+        lines.append(f"  {entry['file']}: {where}")
+    return lines

@@ -1,0 +1,304 @@
+"""`fuse`: any number of map files in, one global map for each group that hangs together out."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from fusion.alignment import Alignment
+from fusion.certainty import CertaintyGrid
+from fusion.hierarchy import LevelMap, best_pairs, first_level, next_level, tree_lines
+from fusion.identity import content_corner, content_hash, same_evidence
+from fusion.map_graph import Structure
+from fusion.map_set import MapSet
+from fusion.registration import register
+from mapping import se2
+from mapping.errors import MapFileError
+from mapping.grid import OccupancyGrid
+from mapping.map_io import read_map_with_warnings, write_map
+from tools.map_fusion import certainty_fields
+from tools.pair_cache import exact_hash
+from tools.pair_registration import Pair, PairRegistration, Registration
+from tools.pictures import draw_map, write_picture
+from tools.result_folder import FUSED, check_result_folder, new_results
+from tools.results import FloatArray, Report, new_run_folder, writing_to
+
+log = logging.getLogger(__name__)
+CACHE_NAME = "pairs.jsonl"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapFiles:
+    """What was read of files: grids by the number of the file, why others are skipped, and the maps that these are.
+
+    maps: one of each content, by a name that its content gives it; name_of: the map that a file holds.
+    """
+
+    files: Sequence[Path]
+    grids: Mapping[int, OccupancyGrid]
+    skipped: Mapping[int, str]
+    maps: Mapping[str, OccupancyGrid]
+    name_of: Mapping[int, str]
+
+    def title(self, name: str) -> str:
+        """Return the first file that holds a map."""
+        return str(self.files[min(number for number, each in self.name_of.items() if each == name)])
+
+    def pose_in_group(self, number: int, T_group_map: FloatArray) -> FloatArray:
+        """Return the pose (3,) of a file's frame, of that of its map: files of one map may have other frames."""
+        grid, of_map = self.grids[number], self.maps[self.name_of[number]]
+        if grid is of_map:
+            return T_group_map
+        T_map_file = se2.compose(content_corner(of_map), se2.inverse(content_corner(grid)))
+        return se2.compose(T_group_map, T_map_file)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GlobalMap:
+    """A group's evidence, and for each of its maps the pose of its frame (3,) and the covariance (3, 3) of that."""
+
+    cells: CertaintyGrid
+    T_global_map: Mapping[str, FloatArray]
+    covariance: Mapping[str, FloatArray | None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FusedGroups:
+    """The global maps, the one with the best reference first; registrations that count; what was withdrawn, and why.
+
+    details: more for the report.
+    """
+
+    groups: Sequence[GlobalMap]
+    alignments: Mapping[Pair, tuple[Alignment, float]]
+    withdrawn: Mapping[Pair, str] = field(default_factory=dict)
+    details: Report = field(default_factory=dict)
+
+
+def fuse_maps(
+    files: Sequence[Path], output: Path | None, registration: Registration, jobs: int = 1
+) -> tuple[Path, Report]:
+    """Fuse map files into a folder, global_<k>.yaml/.pgm/.npz/.png and report.json; return both.
+
+    Maps that do not belong together become a global map each; one that cannot be read or knows nothing is skipped, if
+    another can be used. Finished registrations are kept in the folder, so that a run that was interrupted goes on. The
+    order of the files changes nothing but the order in the report. Raises MapFileError, ToolError and UsageError.
+    """
+    check_result_folder(output, FUSED, files)
+    started = time.perf_counter()
+    loaded = read_maps(files)
+    folder = new_run_folder(output)
+    pairs = PairRegistration(registration, folder / CACHE_NAME if len(loaded.maps) > 1 else None, jobs, _say_progress)
+    fused = _in_levels(loaded, pairs) if registration.method == "thesis" else _by_graph(loaded, pairs)
+    count = len(loaded.maps)
+    report: Report = {
+        "maps": [_map_entry(loaded, number, fused.groups) for number in range(len(files))],
+        "pairs": _pair_entries(loaded, fused, registration),
+        "groups": [_group_entry(loaded, k, group) for k, group in enumerate(fused.groups)],
+        **fused.details,
+        "registrations": {
+            "registered": pairs.registered,
+            "from_cache": pairs.taken,
+            "all_pairs": count * (count - 1) // 2,
+            "process_seconds": round(pairs.seconds, 3),
+        },
+        "method": registration.method,
+        "settings": registration.settings_report(),
+        "seed": registration.seed,
+        "seconds": round(time.perf_counter() - started, 3),
+    }
+    new_results(folder, FUSED)
+    _save(folder, fused.groups, report)
+    return folder, report
+
+
+def read_maps(files: Sequence[Path]) -> MapFiles:
+    """Read map files; raises MapFileError where none can be read. What is skipped is told."""
+    grids, skipped, errors = dict[int, OccupancyGrid](), dict[int, str](), list[MapFileError]()
+    for number, path in enumerate(files):
+        try:
+            loaded = read_map_with_warnings(path)
+        except MapFileError as error:
+            errors.append(error)
+            skipped[number] = str(error)
+            continue
+        for warning in loaded.warnings:
+            log.warning("%s", warning)
+        if loaded.grid.known.any():
+            grids[number] = loaded.grid
+        else:
+            skipped[number] = f"{path}: no known cell"
+    if len(errors) == len(files):
+        raise errors[0]
+    for reason in skipped.values():
+        log.warning("%s: skipped", reason)
+    return _by_content(files, grids, skipped)
+
+
+def _by_content(files: Sequence[Path], grids: Mapping[int, OccupancyGrid], skipped: Mapping[int, str]) -> MapFiles:
+    """Name maps by their content; of files of one content the one whose cells and frame come first stands for all."""
+    ordered = sorted(grids, key=lambda number: exact_hash(grids[number]))
+    maps: dict[str, OccupancyGrid] = {}
+    name_of: dict[int, str] = {}
+    for number in ordered:
+        name = content_hash(grids[number])
+        while name in maps and not same_evidence(maps[name], grids[number]):
+            name += "'"  # maps of a few cells, which are alike by chance
+        maps.setdefault(name, grids[number])
+        name_of[number] = name
+    return MapFiles(files, grids, skipped, maps, name_of)
+
+
+def _by_graph(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
+    """Register what retrieval names, and return what hangs together."""
+    maps, seconds = MapSet().added(loaded.maps), dict[Pair, float]()
+    while missing := maps.missing():
+        log.info("%d maps: %d pairs to register", len(maps.maps), len(missing))
+        finished = pairs.finish(maps.maps, missing)
+        maps = maps.registered({pair: each.alignment for pair, each in finished.items()})
+        seconds |= {pair: each.seconds for pair, each in finished.items()}
+    structure = maps.structure()
+    withdrawn = _withdrawn(structure, loaded)
+    for (a, b), reason in withdrawn.items():
+        log.warning("%s with %s: withdrawn: %s", loaded.title(a), loaded.title(b), reason)
+    groups = [
+        GlobalMap(
+            maps.fused(group),
+            {name: each.T_group_map for name, each in group.maps.items()},
+            {name: each.covariance for name, each in group.maps.items()},
+        )
+        for group in structure.groups
+    ]
+    alignments = {pair: (maps.alignments[pair], seconds[pair]) for pair in maps.pairs()}
+    return FusedGroups(groups, alignments, withdrawn)
+
+
+def _withdrawn(structure: Structure, loaded: MapFiles) -> dict[Pair, str]:
+    """Return why pairs were withdrawn, with files instead of the names that their contents give maps."""
+    reasons = {}
+    for each in structure.withdrawn:
+        reason = each.reason
+        for name in loaded.maps:
+            reason = reason.replace(name, loaded.title(name))
+        reasons[each.pair] = reason
+    return reasons
+
+
+def _in_levels(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
+    """Merge the best pairs of each level, as the thesis does, until none is accepted any more."""
+    level = first_level(loaded.maps)
+    titles = {name: loaded.title(name) for name in loaded.maps}
+    first: dict[Pair, tuple[Alignment, float]] = {}
+    levels: list[Report] = []
+    while len(level) > 1:
+        grids = {each.name: each.grid for each in level}
+        log.info("level %d: %d maps", len(levels) + 1, len(level))
+        finished = pairs.finish(grids, list(itertools.combinations(grids, 2)))
+        alignments = {pair: each.alignment for pair, each in finished.items()}
+        first = first or {pair: (each.alignment, each.seconds) for pair, each in finished.items()}
+        merged = best_pairs(alignments)
+        if not merged:
+            break
+        levels.append(
+            {
+                "level": len(levels) + 1,
+                "merged": [
+                    {
+                        "a": _titles(a, level, titles),
+                        "b": _titles(b, level, titles),
+                        "inliers": alignments[a, b].inliers,
+                        "acceptance": round(alignments[a, b].acceptance, 4),
+                    }
+                    for a, b in merged
+                ],
+            }
+        )
+        level = next_level(level, alignments)
+    groups = [
+        GlobalMap(
+            each.fused(),
+            {name: part.T_global_map for name, part in each.contributions.items()},
+            dict.fromkeys(each.contributions),
+        )
+        for each in level
+    ]
+    trees = [tree_lines(each, titles) for each in level]
+    return FusedGroups(groups, first, details={"levels": levels, "trees": trees})
+
+
+def _titles(name: str, level: Sequence[LevelMap], titles: Mapping[str, str]) -> list[str]:
+    return [titles[each] for each in next(each for each in level if each.name == name).contributions]
+
+
+def _map_entry(loaded: MapFiles, number: int, groups: Sequence[GlobalMap]) -> Report:
+    entry: Report = {"file": str(loaded.files[number]), "group": None, "T_global_map": None, "covariance": None}
+    if number not in loaded.name_of:
+        return entry | {"skipped": loaded.skipped[number]}
+    name = loaded.name_of[number]
+    k, group = next((k, group) for k, group in enumerate(groups) if name in group.T_global_map)
+    covariance = group.covariance[name]
+    entry["group"] = k
+    entry["T_global_map"] = loaded.pose_in_group(number, group.T_global_map[name]).tolist()
+    if loaded.grids[number] is loaded.maps[name] and covariance is not None:
+        entry["covariance"] = covariance.tolist()
+    if loaded.title(name) != entry["file"]:
+        entry["same_as"] = loaded.title(name)
+    if name in group.cells.within:
+        entry["counted_within"] = loaded.title(group.cells.within[name])
+    return entry
+
+
+def _group_entry(loaded: MapFiles, k: int, group: GlobalMap) -> Report:
+    files = [str(loaded.files[n]) for n, name in sorted(loaded.name_of.items()) if name in group.T_global_map]
+    return {"group": k, "files": files, "resolution_m": group.cells.resolution_m}
+
+
+def _pair_entries(loaded: MapFiles, fused: FusedGroups, registration: Registration) -> list[Report]:
+    """Return what is said about pairs, each in the order of its files; files of one map are a pair too."""
+    first_of: dict[str, int] = {}
+    entries: list[tuple[int, int, Report]] = []
+    for number, name in sorted(loaded.name_of.items()):
+        a = first_of.setdefault(name, number)
+        if a != number:
+            same = register(loaded.grids[a], loaded.grids[number], registration.method)
+            entries.append((a, number, _verdict(same, None, 0.0) | {"same_evidence": True}))
+    for (name_a, name_b), (alignment, seconds) in fused.alignments.items():
+        a, b = first_of[name_a], first_of[name_b]
+        entry = _verdict(alignment if a < b else alignment.inverse(), fused.withdrawn.get((name_a, name_b)), seconds)
+        entries.append((min(a, b), max(a, b), entry | {"same_evidence": False}))
+    entries.sort(key=lambda each: each[:2])
+    return [{"a": str(loaded.files[a]), "b": str(loaded.files[b]), **entry} for a, b, entry in entries]
+
+
+def _verdict(alignment: Alignment, withdrawn: str | None, seconds: float) -> Report:
+    return {
+        "accepted": alignment.accepted and withdrawn is None,
+        **certainty_fields(alignment),
+        "inliers": alignment.inliers,
+        "acceptance": round(alignment.acceptance, 4),
+        "reason": alignment.reason if withdrawn is None else withdrawn,
+        "withdrawn": withdrawn is not None,
+        "seconds": round(seconds, 3),
+    }
+
+
+def _say_progress(done: int, count: int) -> None:
+    log.info("registered %d of %d pairs", done, count)
+
+
+def _save(folder: Path, groups: Sequence[GlobalMap], report: Report) -> None:
+    """Write the global maps and the report."""
+    with writing_to(folder):
+        for k, group in enumerate(groups):
+            sources = [entry["file"] for entry in report["maps"] if entry["group"] == k]
+            grid = group.cells.grid()
+            write_map(folder / f"global_{k}", grid, provenance={"source": " + ".join(sorted(sources))})
+            write_picture(folder / f"global_{k}.png", draw_map(grid))
+        partial = folder / "report.json.part"
+        partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
+        partial.replace(folder / "report.json")
