@@ -45,9 +45,13 @@ class MapFiles:
     maps: Mapping[str, OccupancyGrid]
     name_of: Mapping[int, str]
 
+    def first_of(self, name: str) -> int:
+        """Return the number of the first file that holds a map."""
+        return min(number for number, each in self.name_of.items() if each == name)
+
     def title(self, name: str) -> str:
         """Return the first file that holds a map."""
-        return str(self.files[min(number for number, each in self.name_of.items() if each == name)])
+        return str(self.files[self.first_of(name)])
 
     def pose_in_group(self, number: int, T_group_map: FloatArray) -> FloatArray:
         """Return the pose (3,) of a file's frame, of that of its map: files of one map may have other frames."""
@@ -246,7 +250,7 @@ def _map_entry(loaded: MapFiles, number: int, groups: Sequence[GlobalMap]) -> Re
     entry["T_global_map"] = loaded.pose_in_group(number, group.T_global_map[name]).tolist()
     if loaded.grids[number] is loaded.maps[name] and covariance is not None:
         entry["covariance"] = covariance.tolist()
-    if loaded.title(name) != entry["file"]:
+    if loaded.first_of(name) != number:
         entry["same_as"] = loaded.title(name)
     if name in group.cells.within:
         entry["counted_within"] = loaded.title(group.cells.within[name])
@@ -260,15 +264,14 @@ def _group_entry(loaded: MapFiles, k: int, group: GlobalMap) -> Report:
 
 def _pair_entries(loaded: MapFiles, fused: FusedGroups, registration: Registration) -> list[Report]:
     """Return what is said about pairs, each in the order of its files; files of one map are a pair too."""
-    first_of: dict[str, int] = {}
     entries: list[tuple[int, int, Report]] = []
     for number, name in sorted(loaded.name_of.items()):
-        a = first_of.setdefault(name, number)
+        a = loaded.first_of(name)
         if a != number:
             same = register(loaded.grids[a], loaded.grids[number], registration.method)
             entries.append((a, number, _verdict(same, None, 0.0) | {"same_evidence": True}))
     for (name_a, name_b), (alignment, seconds) in fused.alignments.items():
-        a, b = first_of[name_a], first_of[name_b]
+        a, b = loaded.first_of(name_a), loaded.first_of(name_b)
         entry = _verdict(alignment if a < b else alignment.inverse(), fused.withdrawn.get((name_a, name_b)), seconds)
         entries.append((min(a, b), max(a, b), entry | {"same_evidence": False}))
     entries.sort(key=lambda each: each[:2])

@@ -12,9 +12,13 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
+from mapping import se2
+from mapping.grid import OccupancyGrid
+from mapping.map_io import write_map
 from mapping.raycast import cast_rays
 from tools.cli import main
 from tools.log_windows import PosedScans
@@ -129,3 +133,44 @@ def corridor_drive() -> PosedScans:
         ranges = cast_rays(occupied, starts, beams + yaw, 1000.0) * 0.1
         points.append(directions * (ranges + random.normal(0.0, 0.005, len(ranges)))[:, np.newaxis])
     return PosedScans("corridor", poses, tuple(points), 15.0)
+
+
+ROOMS_POSE = np.array([6.0, -3.0, 2.2])
+RoomsPart = Callable[..., OccupancyGrid]
+
+
+@pytest.fixture(scope="session")
+def rooms_part() -> RoomsPart:
+    """A function that cuts columns (of 320, 0.05 m each) out of a floor seen with noise, its frame at a pose."""
+    image = np.full((240, 320), 255, np.uint8)
+    random = np.random.default_rng(3)
+    cv2.rectangle(image, (0, 0), (319, 239), 0, 2)
+    for x in (90, 150, 260):
+        cv2.line(image, (x, 0), (x, 90), 0, 2)
+    cv2.line(image, (60, 130), (319, 130), 0, 2)
+    cv2.line(image, (130, 130), (145, 130), 255, 3)
+    for _ in range(45):
+        x, y, width, height = random.integers([5, 5, 4, 4], [310, 230, 20, 20]).tolist()
+        cv2.rectangle(image, (x, y), (x + width, y + height), 0, 2)
+
+    def cut(seed: int, first: int = 0, last: int = 320, frame: np.ndarray = se2.IDENTITY) -> OccupancyGrid:
+        cells = np.where(image > 0, -5.0, 5.0)
+        cells[np.random.default_rng(seed).random(cells.shape) < 0.01] = 0.0
+        origin = se2.compose(frame, np.array([first * 0.05, 0.0, 0.0]))
+        return OccupancyGrid(cells[:, first:last].astype(np.float32), 0.05, origin)
+
+    return cut
+
+
+@pytest.fixture
+def two_maps(tmp_path: Path, rooms_part: RoomsPart) -> tuple[Path, Path]:
+    """YAML files of two halves that share a third of the floor; the second's origin is rotated, as nav2 allows."""
+    write_map(tmp_path / "a", rooms_part(1, 0, 220))
+    write_map(tmp_path / "b", rooms_part(2, 90, 320, ROOMS_POSE))
+    return tmp_path / "a.yaml", tmp_path / "b.yaml"
+
+
+@pytest.fixture
+def true_pose() -> np.ndarray:
+    """Where the second of the two maps' frame is in the first one's."""
+    return se2.inverse(ROOMS_POSE)

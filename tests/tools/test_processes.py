@@ -11,7 +11,7 @@ import pytest
 
 from drivers.recording_reader import open_recording
 from tools.errors import ToolError
-from tools.processes import in_own_process, in_processes, limit_to, memory, reset_peak, thread_times
+from tools.processes import as_finished, in_own_process, in_processes, limit_to, memory, reset_peak, thread_times
 
 
 def test_work_is_done_in_another_process_each_time():
@@ -24,6 +24,23 @@ def test_tasks_shared_by_processes_come_back_in_their_order(jobs):
     assert list(in_processes(pow, [2, 3, 4], [5, 4, 3], jobs=jobs)) == [32, 81, 64]
     done_by = set(in_processes(os.path.realpath, ["/proc/self"] * 3, jobs=jobs, first=(time.sleep, (0.0,))))
     assert (os.path.realpath("/proc/self") in done_by) == (jobs == 1)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_what_is_finished_comes_back_at_once_by_its_key(jobs):
+    tasks = {"slow": (0.6,), "quick": (0.0,), "other": (0.0,)}
+    finished = [key for key, _ in as_finished(time.sleep, tasks, jobs=jobs, first=(time.sleep, (0.0,)))]
+    assert sorted(finished) == sorted(tasks)
+    assert (finished[-1] == "slow") == (jobs == 2)
+    assert dict(as_finished(pow, {"a": (2, 5), "b": (3, 4)}, jobs=jobs, first=(time.sleep, (0.0,)))) == {
+        "a": 32,
+        "b": 81,
+    }
+
+
+def test_a_shared_process_that_dies_is_one_clear_error():
+    with pytest.raises(ToolError, match="memory"):
+        list(as_finished(os._exit, {1: (9,), 2: (9,)}, jobs=2, first=(time.sleep, (0.0,))))
 
 
 def test_an_error_comes_back_as_it_was(tmp_path):
