@@ -78,6 +78,11 @@ class MavlinkRover:
         """Where the car truly is; for the world around it and for scores, never for the link."""
         return self._dynamics.state
 
+    @property
+    def contacts(self) -> int:
+        """How often a wall has stopped it."""
+        return self._dynamics.contacts
+
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Take bytes from the host; return what is answered at once."""
         self.pass_time(now_ns)
