@@ -19,6 +19,7 @@ log = logging.getLogger(__name__)
 
 PERIOD_S = 0.02  # the vehicle is heard and the bell listened to so often; the pilot has a period of its own
 WATCH_S = 0.1
+LATE_S = 0.1
 HANGING = 5  # so many looks of the watch in a row without a step of the thread
 _HALT_S = 1.5  # standstill is repeated so long before the car is disarmed
 EMERGENCIES = (signal.SIGUSR1, signal.SIGTSTP)
@@ -29,7 +30,10 @@ _ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 class Driven(Protocol):
     """What is stepped: tools.commanded_drive.CommandedDrive, or what only tells the vehicle where it is."""
 
-    fault: str
+    @property
+    def fault(self) -> str:
+        """Why the vehicle is not driven any more, empty where it is: somebody else may have it."""
+        ...
 
     @property
     def armed(self) -> bool:
@@ -47,7 +51,7 @@ class Driven(Protocol):
 
 @dataclass(slots=True)
 class Pace:
-    """How the thread kept time: steps, the longest time from one to the next, and how many took longer than 0.1 s."""
+    """How the thread kept time: steps, the longest time from one to the next, and how many took longer than LATE_S."""
 
     steps: int = 0
     longest_s: float = 0.0
@@ -57,7 +61,11 @@ class Pace:
         """Take in the time between two steps."""
         self.steps += 1
         self.longest_s = max(self.longest_s, seconds)
-        self.late += seconds > 0.1
+        self.late += seconds > LATE_S
+
+    def summary(self) -> dict[str, float]:
+        """Return it for report.json."""
+        return {"steps": self.steps, "longest_s": round(self.longest_s, 3), "longer_than_0.1_s": self.late}
 
 
 class DriveThread:

@@ -30,14 +30,17 @@ def test_goals_are_noted_once_with_how_far_off_the_car_believes_it_is():
     pilot = Pilot()
     log = DriveLog(pilot, GOALS, 100.0)
     log.note(101.0, DRIVES, at_end=False)
-    pilot.goal_number, pilot.place = 1, at(1.0, 0.03, 0.0)  # type: ignore[assignment]
+    pilot.goal_number, pilot.place = 1, at(1.0, 0.03, 0.0)
     for _ in range(2):
         log.note(104.5, DRIVES, at_end=False)
-    pilot.place = at(2.04, 0.03, -3.1)  # type: ignore[assignment]
+    pilot.place = at(2.04, 0.03, -3.1)
     for _ in range(2):
         log.note(110.0, DRIVES, at_end=True)
     report = log.report([(102.0, "something on the path")])
-    assert [(each["goal"], each["at_s"], each["off_m"]) for each in report["arrivals"]] == [(1, 4.5, 0.03), (2, 10.0, 0.05)]
+    assert [(each["goal"], each["at_s"], each["off_m"]) for each in report["arrivals"]] == [
+        (1, 4.5, 0.03),
+        (2, 10.0, 0.05),
+    ]
     assert report["arrivals"][1]["off_deg"] < 5.0, "3.1 and -3.1 rad are neighbours"
     assert report["notes"] == [{"at_s": 2.0, "text": "something on the path"}]
     assert report["top_mps"] == 0.4
