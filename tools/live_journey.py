@@ -19,6 +19,7 @@ from tools.config import Config
 from tools.drive_goals import Pose, check_goals
 from tools.drive_log import Outcome
 from tools.drive_thread import EMERGENCIES, KEY
+from tools.drive_warm_up import warm_up_drive
 from tools.errors import ToolError, UsageError
 from tools.live_drive import DriveWanted, LiveDrive
 from tools.live_telling import LiveTelling
@@ -105,6 +106,8 @@ def journey(wanted: JourneyWanted, config: Config, clock: RunClock) -> Iterator[
         drive_wanted = _checked(wanted, config)
         bell = opened.enter_context(Bell())
         search = None if drive_wanted is None else opened.enter_context(_search(config))
+        if search is not None:
+            warm_up_drive()  # while the planning process starts
         opened.enter_context(vehicle)
         _tell_vehicle(vehicle, driven=drive_wanted is not None)
         opened.enter_context(bell.rung_by_signals(EMERGENCIES))

@@ -46,12 +46,13 @@ class PilotedCar:
         self._status = StatusLine()
         self._safe: SafeCommand | None = None
         self._paths = 0
+        self._emergency = ""
         self._fault_told = self._gave_up = False
 
     @property
     def fault(self) -> str:
-        """Why the vehicle is not driven any more; empty where it is."""
-        return self._commanded.fault
+        """Why the vehicle is not driven any more; empty where it is, and where it stands because we stopped it."""
+        return "" if self._emergency else self._commanded.fault
 
     @property
     def armed(self) -> bool:
@@ -67,7 +68,8 @@ class PilotedCar:
         return safe
 
     def emergency_stop(self, reason: str) -> None:
-        """Let nothing but standstill through."""
+        """Let nothing but standstill through; a fault of before stays what it was."""
+        self._emergency = self._emergency or ("" if self._commanded.fault else reason)
         self.pilot.safety.emergency_stop(reason)
 
     def note_scan(self, scan: LaserScan) -> None:
@@ -108,8 +110,8 @@ class PilotedCar:
             return Outcome.arrived, "all goals reached"
         if self.fault:
             return Outcome.vehicle_fault, self.fault
-        if pilot.safety.emergency:
-            return Outcome.emergency, pilot.safety.emergency
+        if self._emergency:
+            return Outcome.emergency, self._emergency
         if pilot.state is AutopilotState.no_way:
             return Outcome.no_way, self.status()
         if self._gave_up:
