@@ -28,6 +28,7 @@ from tools.drive_scores import Stop, TrueDrive, arrival, contacts, largest_cross
 from tools.driven_world import DrivenWorld
 from tools.emulation import Drive as Tour
 from tools.emulation import simulated_lidar
+from tools.path_search import PathSearchHere
 from tools.pipeline import MappingFlow
 from tools.results import Report
 from tools.simulated_car import START_NS, SimulatedCar
@@ -127,7 +128,15 @@ class Case:
         seed = bench.seed * 10_000 + self.number
         car = SimulatedCar(load_world(WORLD), pose, config.mount(), seed=seed, model=bench.model)
         sensor = config.mount().pose[:2]
-        pilot = Autopilot(bench.mapped.grid, bench.vehicle, self.told, self.goal, find_path, sensor, bench.settings)
+        pilot = Autopilot(
+            bench.mapped.grid,
+            bench.vehicle,
+            [self.goal],
+            PathSearchHere(find_path),
+            sensor,
+            bench.settings,
+            self.told,
+        )
         return ClosedLoop(car, pilot, config, disturb=disturb), pilot, car.world
 
     def truth(self, world: DrivenWorld) -> TrueDrive:
