@@ -152,6 +152,8 @@ class MavlinkRover:
             self._set_mode(message.custom_mode)
         elif kind in {"COMMAND_LONG", "COMMAND_INT"}:
             return self._obey(message)
+        elif kind == "TIMESYNC" and message.tc1 == 0:
+            return self._codec.encode("TIMESYNC", tc1=self._now_ns, ts1=message.ts1)
         elif kind == "PARAM_REQUEST_LIST":
             return b"".join(self._parameter(name) for name in sorted(self.autopilot.parameters))
         elif kind == "PARAM_REQUEST_READ":
