@@ -53,12 +53,12 @@ def contact_at(costmap: Costmap, poses: FloatArray) -> int | None:
     """
     local = np.ascontiguousarray(costmap.local(poses))
     grid = (costmap.occupied, costmap.to_occupied_m, costmap.grid.resolution_m)
-    first = int(_first_contact(*grid, local, costmap.vehicle.body))
+    first = int(first_touch(*grid, local, costmap.vehicle.body))
     return None if first < 0 else first
 
 
 @numba.njit(cache=True)
-def _first_contact(occupied: Mask, distance_m: Distances, cell_m: float, poses: FloatArray, body: FloatArray) -> int:
+def first_touch(occupied: Mask, distance_m: Distances, cell_m: float, poses: FloatArray, body: FloatArray) -> int:
     """Return the number of the first of poses (N, 3) at which the body is not free after it was; -1 if at none.
 
     0 where it is free at no pose.

@@ -28,6 +28,7 @@ from tools.drive_scores import Stop, TrueDrive, arrival, contacts, largest_cross
 from tools.driven_world import CommandedCar, DrivenWorld
 from tools.emulation import Drive as Tour
 from tools.emulation import simulated_lidar
+from tools.path_search import PathSearchHere
 from tools.pipeline import MappingFlow
 from tools.results import Report
 from tools.simulated_drive import OFFICE_ROUND
@@ -127,7 +128,15 @@ class Case:
         car = CommandedCar(pose, start_ns=START_NS, model=bench.model)
         world = DrivenWorld(load_world(WORLD), car, config.mount(), start_ns=START_NS, seed=seed)
         sensor = config.mount().pose[:2]
-        pilot = Autopilot(bench.mapped.grid, bench.vehicle, self.told, self.goal, find_path, sensor, bench.settings)
+        pilot = Autopilot(
+            bench.mapped.grid,
+            bench.vehicle,
+            [self.goal],
+            PathSearchHere(find_path),
+            sensor,
+            bench.settings,
+            self.told,
+        )
         return ClosedLoop(car, world, pilot, config, disturb=disturb), pilot, world
 
     def truth(self, world: DrivenWorld) -> TrueDrive:

@@ -10,13 +10,14 @@ from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.odometry import ScanMatch
 from mapping.slam import MappedScan
+from planning.ends import PlanError
 from planning.path import path_along
 from planning.plan import PlanResult
 from planning.vehicle import Vehicle
 from tools.autopilot import Autopilot, AutopilotState
+from tools.path_search import PathSearchHere
 
 START, GOAL = np.array([1.0, 1.2, 0.0]), np.array([3.0, 1.2, 0.0])
-NO_SENSOR_OFFSET = np.zeros(2)
 
 
 @pytest.fixture
@@ -47,7 +48,7 @@ def straight(known, start, goal):
 
 
 def no_path(known, start, goal):
-    return PlanResult(None, None, "there is none")
+    return PlanResult(None, PlanError.goal_occupied, "there is none")
 
 
 def stand(pilot, seconds, scans=True):
@@ -63,7 +64,7 @@ def stand(pilot, seconds, scans=True):
 
 
 def pilot_with(saved, planner, told=START):
-    return Autopilot(saved, Vehicle(), told, GOAL, planner, NO_SENSOR_OFFSET)
+    return Autopilot(saved, Vehicle(), [GOAL], PathSearchHere(planner), guess=told)
 
 
 def test_nothing_moves_before_the_car_knows_where_it_is(saved):
@@ -96,7 +97,7 @@ def test_a_path_into_a_wall_is_not_followed(saved):
     def into_the_wall(known, start, goal):
         return straight(known, start, np.array([5.5, 1.2, 0.0]))
 
-    pilot = Autopilot(saved, Vehicle(), np.array([4.4, 1.2, 0.0]), GOAL, into_the_wall, NO_SENSOR_OFFSET)
+    pilot = Autopilot(saved, Vehicle(), [GOAL], PathSearchHere(into_the_wall), guess=np.array([4.4, 1.2, 0.0]))
     for n in range(80):
         now_s = 1.0 + 0.05 * n
         if n % 2 == 0:

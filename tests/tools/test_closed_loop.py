@@ -13,6 +13,7 @@ from tools.autopilot import Autopilot, AutopilotState
 from tools.closed_loop import START_NS, ClosedLoop
 from tools.config import Config
 from tools.driven_world import CommandedCar, DrivenWorld
+from tools.path_search import PathSearchHere
 from tools.world import World
 
 T_WORLD_MAP = np.array([0.5, -0.3, 0.4])  # the map's frame is not the world's
@@ -50,7 +51,8 @@ def loop(room, goal=GOAL, disturb=lambda *_: None):
     T_map_world = se2.inverse(T_WORLD_MAP)
     told = se2.compose(se2.compose(T_map_world, START), np.array([0.04, -0.03, 0.04]))
     in_map = se2.compose(T_map_world, goal)
-    pilot = Autopilot(saved_map(room), Vehicle(), told, in_map, find_path, config.mount().pose[:2])
+    sensor = config.mount().pose[:2]
+    pilot = Autopilot(saved_map(room), Vehicle(), [in_map], PathSearchHere(find_path), sensor, guess=told)
     closed = ClosedLoop(car, world, pilot, config, disturb=lambda now_s: disturb(closed, pilot, world, now_s))
     return closed, pilot, world
 
