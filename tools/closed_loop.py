@@ -1,8 +1,9 @@
-"""The whole loop on simulated time: world, lidar bytes, decoder, SLAM, autopilot, and the car that is commanded."""
+"""The whole loop on simulated time: world, lidar bytes, decoder, SLAM, autopilot, vehicle link, rover, world."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,13 +19,13 @@ from drivers.rplidar_models import MODELS
 from mapping.slam import MappedScan
 from planning.safety import SafeCommand
 from tools.autopilot import Autopilot, AutopilotState
+from tools.commanded_drive import CommandedDrive
 from tools.config import Config
-from tools.driven_world import CommandedCar, DrivenWorld
 from tools.pipeline import LidarDecoding, MappingFlow
+from tools.simulated_car import SimulatedCar
 
 FloatArray = NDArray[np.float64]
 
-START_NS = 1_000_000_000
 _TICK_NS = 50_000_000  # between commands
 _READ_NS = 10_000_000
 _AFTER_NS = 500_000_000
@@ -85,15 +86,15 @@ class LoopLog:
 
 
 class ClosedLoop:
-    """A car, in its world, that an autopilot drives; disturb(now_s) is called at each tick, before the command.
+    """A simulated car that an autopilot drives through its link; disturb(now_s) is called before each command.
 
-    deaf_to_poses: from then on no scan gives a pose any more (as if matching failed), though scans come.
+    deaf_to_poses: from then on no scan gives a pose any more (as if matching failed), though scans come. drive: what
+    commands the car, as on a real one.
     """
 
     def __init__(
         self,
-        car: CommandedCar,
-        world: DrivenWorld,
+        car: SimulatedCar,
         autopilot: Autopilot,
         config: Config,
         *,
@@ -101,34 +102,51 @@ class ClosedLoop:
     ) -> None:
         self.log = LoopLog()
         self.deaf_to_poses = False
-        self._car, self._world, self._autopilot, self._disturb = car, world, autopilot, disturb
-        self._clock = SimulatedClock(START_NS)
-        self._scans = EmulatedScans(world, self._clock)
+        self.drive = CommandedDrive(autopilot, car.vehicle, _TICK_NS * 1e-9, mount=config.mount())
+        self._car, self._autopilot, self._disturb = car, autopilot, disturb
+        self._clock = car.clock
+        self._scans: EmulatedScans | None = None
+        self._killed = False
         quick = config.with_slam(loop_closure=False, refine=False, scan_every=None)
         self._flow = MappingFlow(quick, config.mount())
 
     def unplug_lidar(self) -> None:
         """Take the lidar away."""
+        assert self._scans is not None
         self._scans.unplug()
+
+    def kill(self) -> None:
+        """Let no code of ours run any more, as after SIGKILL, while the link stays up and the car goes on."""
+        self._killed = True
 
     def run(self, most_s: float, until: Callable[[float], bool] = lambda _: False) -> None:
         """Drive for most_s, until(now_s), or half a second longer than it took to arrive or to find no way."""
+        with ExitStack() as ending:
+            ending.enter_context(self._car.vehicle)
+            self._scans = EmulatedScans(self._car.world, self._clock)
+            self._drive(self._scans, most_s, until)
+            if self._killed:
+                ending.pop_all()  # nobody is left who could stop the car
+        self._car.world.advance(self._clock())
+
+    def _drive(self, scans: EmulatedScans, most_s: float, until: Callable[[float], bool]) -> None:
         end_ns = self._clock() + round(most_s * 1e9)
         next_ns = self._clock()
-        while self._clock() < end_ns:
-            for scan in self._scans.read():
-                self._take(scan)
-            if self._clock() >= next_ns:
-                next_ns += _TICK_NS
-                self._tick()
+        while self._clock() < end_ns and not until(self._clock() * 1e-9):
+            if self._killed:
+                self._car.world.advance(self._clock())
+            else:
+                for scan in scans.read():
+                    self._take(scan)
+                if self._clock() >= next_ns:
+                    next_ns += _TICK_NS
+                    self._tick()
                 if self._autopilot.state in (AutopilotState.arrived, AutopilotState.no_way):
                     end_ns = min(end_ns, self._clock() + _AFTER_NS)
-                if until(self._clock() * 1e-9):
-                    break
             self._clock.now_ns += _READ_NS
-        self._world.advance(self._clock())
 
     def _take(self, scan: LaserScan) -> None:
+        self.drive.note_scan(scan)
         for mapped in self._flow.feed(scan):
             self._note(mapped)
 
@@ -142,11 +160,11 @@ class ClosedLoop:
                 self.log.last_pose_s = stamp_s
 
     def _tick(self) -> None:
+        self._disturb(self._clock() * 1e-9)
+        if self._killed:
+            return
         now_ns = self._clock()
-        self._disturb(now_ns * 1e-9)
-        safe = self._autopilot.tick(now_ns * 1e-9)
-        self._world.advance(now_ns)
-        self._car.command(safe.command)
+        safe = self.drive.step(now_ns)
         step = self._autopilot.step
         progress_m = 0.0 if step is None else step.progress_m
         drives = len(self._autopilot.drives)

@@ -22,15 +22,16 @@ from planning.costmap import Costmap, UnknownSpace, costmap
 from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from tools.autopilot import Autopilot, AutopilotSettings, AutopilotState
-from tools.closed_loop import START_NS, ClosedLoop, EmulatedScans
+from tools.closed_loop import ClosedLoop, EmulatedScans
 from tools.config import Config
 from tools.drive_scores import Stop, TrueDrive, arrival, contacts, largest_cross_track_m, stop_after
-from tools.driven_world import CommandedCar, DrivenWorld
+from tools.driven_world import DrivenWorld
 from tools.emulation import Drive as Tour
 from tools.emulation import simulated_lidar
 from tools.path_search import PathSearchHere
 from tools.pipeline import MappingFlow
 from tools.results import Report
+from tools.simulated_car import START_NS, SimulatedCar
 from tools.simulated_drive import OFFICE_ROUND
 from tools.simulator import drive_along
 from tools.world import load_world
@@ -125,8 +126,7 @@ class Case:
         bench, config = self.bench, Config()
         pose = se2.compose(bench.mapped.T_world_map, self.start)
         seed = bench.seed * 10_000 + self.number
-        car = CommandedCar(pose, start_ns=START_NS, model=bench.model)
-        world = DrivenWorld(load_world(WORLD), car, config.mount(), start_ns=START_NS, seed=seed)
+        car = SimulatedCar(load_world(WORLD), pose, config.mount(), seed=seed, model=bench.model)
         sensor = config.mount().pose[:2]
         pilot = Autopilot(
             bench.mapped.grid,
@@ -137,7 +137,7 @@ class Case:
             bench.settings,
             self.told,
         )
-        return ClosedLoop(car, world, pilot, config, disturb=disturb), pilot, world
+        return ClosedLoop(car, pilot, config, disturb=disturb), pilot, car.world
 
     def truth(self, world: DrivenWorld) -> TrueDrive:
         """Return what really happened."""

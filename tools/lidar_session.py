@@ -188,6 +188,7 @@ class _OnMapped:
         self._flow = flow
         self._parts = parts
         self._put = put
+        self._tells = not any(part.tells for part in parts)
         self._live_ns = round(live_s * 1e9)
         self._drawn_ns: int | None = None
         self._shown = self._begun = time.monotonic()
@@ -197,7 +198,7 @@ class _OnMapped:
             part.add(mapped)
         self._record_map(mapped.stamp_ns)
         now = time.monotonic()
-        if now - self._shown < _PROGRESS_S:
+        if not self._tells or now - self._shown < _PROGRESS_S:
             return
         self._shown = now
         x, y, _ = mapped.pose

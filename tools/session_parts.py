@@ -32,7 +32,12 @@ class LiveSession:
 
 
 class SessionPart(Protocol):
-    """What goes along. Its calls come in the thread that maps, but note's."""
+    """What goes along. Its calls come in the thread that maps, but note's.
+
+    tells: it says in the log how things stand, so that the session need not.
+    """
+
+    tells: bool
 
     def begin(self, session: LiveSession) -> None:
         """The sensors are started."""

@@ -12,6 +12,8 @@ from tools.session_parts import LiveSession, going_along
 
 
 class Part:
+    tells = False
+
     def __init__(self, name, told, failing=False):
         self.name, self.told, self.failing = name, told, failing
 
