@@ -211,3 +211,18 @@ def test_poses_are_told_as_of_now_and_jumps_apart_from_driving():
     _, twist, jumped = told.take(located(200_000_000, se2.compose(way, way), (0.2, 0.0, 0.0)), 200_000_000)
     np.testing.assert_allclose(twist, [0.5, 0.0, 0.5], atol=1e-9)
     assert jumped
+
+
+def test_a_car_that_does_not_follow_is_stopped_for_good():
+    """Its wheels turn, it says so, and it answers all: but it is not what it was told."""
+    clock, pilot = SimulatedClock(5_000_000_000), StraightOn()
+    stuck = RoverDynamics(np.zeros(3), fits=lambda _: False)  # a wall that no scan shows
+    rover = MavlinkRover(stuck)
+    with MavlinkVehicle("rover", lambda: EmulatedLink(rover, clock, 115200, 115200), clock) as vehicle:
+        pilot.place = located(clock())
+        drive = CommandedDrive(pilot, vehicle)
+        for _ in range(60):
+            drive.step(clock())
+            clock.sleep(0.05)
+    assert "does not follow: told 0.40 m/s" in drive.fault
+    assert not rover.autopilot.armed
