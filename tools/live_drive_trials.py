@@ -27,8 +27,11 @@ from drivers.rover_dynamics import RoverModel
 from drivers.rover_faults import RoverFaultKind
 from drivers.rplidar_models import MODELS
 from mapping import se2
+from mapping.map_io import write_map
 from tools.car_emulation import CarWanted, EmulatedVehicle
-from tools.drive_evaluation import ARRIVED_M, ARRIVED_RAD, STOP_S, WORLD, Case
+from tools.drive_arrivals import ARRIVED_M, ARRIVED_RAD
+from tools.drive_bench import WORLD, Bench, Case, map_world
+from tools.drive_stops import STOP_S
 from tools.errors import ToolError
 from tools.processes import own_command
 from tools.results import Report
@@ -42,6 +45,7 @@ _STOP_AFTER_S = 2.5  # of driving fast, at most
 _STANDS_S = 1.0
 _STANDING_MPS = 1e-3
 _TURN_S = 0.05  # of the emulator's own loop
+_FIRST_CASE = 5000
 _SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 
 
@@ -271,18 +275,18 @@ def _row(case: Case, cause: LiveCause, car: WatchedCar, event_ns: int | None, co
     return row
 
 
-def evaluate_live(
-    bench_case: Callable[[int], Case], count: int, map_file: Path, folder: Path, say: Callable[[str], None]
-) -> Report:
-    """Make so many trials of each cause; bench_case returns the number-th case. folder: for what `run` leaves."""
+def evaluate_live(count: int, seed: int, folder: Path, say: Callable[[str], None]) -> Report:
+    """Map the world, then make so many trials of each cause; folder: for the map and for what `run` leaves."""
+    bench = Bench(map_world(seed), seed)
+    write_map(folder / "office", bench.mapped.grid, provenance={"source": "simulated"})
     rows = []
     for kind, cause in enumerate(LiveCause):
         for number in range(count):
-            case = bench_case(5000 + 100 * kind + number)
-            row = live_trial(case, cause, map_file, folder / f"{cause.name}_{number}")
+            case = bench.case(_FIRST_CASE + 100 * kind + number)
+            row = live_trial(case, cause, folder / "office.yaml", folder / f"{cause.name}_{number}")
             rows.append(row)
             say(_words(row))
-    return {"each": count, "rows": rows, "passed": all(row["passed"] for row in rows)}
+    return {"simulated": True, "each": count, "rows": rows, "passed": all(row["passed"] for row in rows)}
 
 
 def table_of_live(report: Report) -> list[str]:
