@@ -36,8 +36,9 @@ def drives(
     Commands go as MAVLink bytes to an emulated rover, which is the car. The pose is that of SLAM on the map; the
     simulator's truth is read by the scorer alone. 0.5 m/s at most, commands take hold after 0.1 s. Stops of each kind:
     old poses, old scans, an emergency stop, a silent vehicle, our process killed, a cut link, a vehicle that hears
-    nothing. --live: `run` drives an emulated car over a pseudo-terminal and UDP; it arrives, and is ended by Ctrl-C, an
-    emergency stop, SIGKILL, a silent lidar and a cut link; half a minute each. Exit code 1: the car touched something, or something else is not as it must be.
+    nothing. --live: `run` drives an emulated car over a pseudo-terminal and UDP; it arrives, or is ended by Ctrl-C, an
+    emergency stop, SIGKILL, a silent lidar or a cut link; half a minute each. Exit code 1: the car touched something,
+    or something else is not as it must be.
     """
     from tools.drive_evaluation import DrivesWanted, evaluate_drives
     from tools.drive_report import table_of
