@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DriverError
-from drivers.messages import LaserScan
+from drivers.messages import LaserScan, Odometry
 from drivers.vehicle import (
     STANDSTILL,
     ArmingRefusedError,
@@ -25,6 +25,7 @@ from drivers.vehicle import (
 from mapping.mount import Mount
 from mapping.relocalisation import Located
 from planning.safety import SafeCommand, SafetyStage
+from tools.speed_watch import SpeedWatch
 from tools.vehicle_telling import VehicleTelling
 
 FloatArray = NDArray[np.float64]
@@ -80,6 +81,7 @@ class CommandedDrive:
         self._unready_ns: int | None = None
         self._cut = False
         self._telling = VehicleTelling(vehicle, mount or Mount())
+        self._watch = SpeedWatch()
 
     @property
     def armed(self) -> bool:
@@ -102,6 +104,9 @@ class CommandedDrive:
             self._arm(now_ns)
         self._safe = safe = self._pilot.tick(now_ns * 1e-9)
         self._attempt(lambda: self._send(safe))
+        amiss = self._watch.tell(now_ns * 1e-9, safe.command.speed_mps) if self._armed else ""
+        if amiss and not self.fault and self.state is not None and self.state.ready:
+            self._fail(amiss)
         return safe
 
     def _attempt(self, exchange: Callable[[], None]) -> None:
@@ -125,6 +130,8 @@ class CommandedDrive:
         for message in self._vehicle.poll():
             if isinstance(message, VehicleState):
                 self.state = message
+            elif isinstance(message, Odometry):
+                self._watch.report(now_ns * 1e-9, float(message.twist[0]))
             self._on_message(message)
         if not self._armed or self.fault:
             return

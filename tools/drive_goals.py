@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -42,7 +43,7 @@ def check_goals(grid: OccupancyGrid | None, config: Config, goals: Sequence[Pose
         tolerance = planning.plan_settings().tolerance
         ends = check_ends(known, np.array(before or goal), np.array(goal), tolerance)
         if ends.error is not None:
-            reason = ends.reason.removeprefix("start ").removeprefix("goal ")
+            reason = re.sub(r"^(start|goal) \([^)]*\) ", "", ends.reason)
             if number and before and "no way" in reason:
                 reason = f"no way from goal {number} is wide enough for the car, or was seen free"
             advice = "" if ends.advice is None else f"; the nearest pose that would do: --goal {_exact(ends.advice)}"

@@ -196,3 +196,18 @@ def test_a_laser_that_hangs_upside_down_is_mirrored_for_the_vehicle():
         drive.note_scan(LaserScan(0, np.array([np.pi / 2.0]), np.array([1.0]), np.zeros(1), 0.15, 12.0))
         drive.step(clock())
         assert rover.last["OBSTACLE_DISTANCE"].distances[18] == 100
+
+
+def test_a_car_that_does_not_follow_is_stopped_for_good():
+    """Its wheels turn, it says so, and it answers all: but it is not what it was told."""
+    clock, pilot = SimulatedClock(5_000_000_000), StraightOn()
+    stuck = RoverDynamics(np.zeros(3), fits=lambda _: False)  # a wall that no scan shows
+    rover = MavlinkRover(stuck)
+    with MavlinkVehicle("rover", lambda: EmulatedLink(rover, clock, 115200, 115200), clock) as vehicle:
+        pilot.place = located(clock())
+        drive = CommandedDrive(pilot, vehicle)
+        for _ in range(60):
+            drive.step(clock())
+            clock.sleep(0.05)
+    assert "does not follow: told 0.40 m/s" in drive.fault
+    assert not rover.autopilot.armed
