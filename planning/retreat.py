@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from planning.collision import first_touch
+from planning.collision import first_contact
 from planning.costmap import Costmap
 from planning.path import Path, path_along
 
@@ -16,17 +16,18 @@ FloatArray = NDArray[np.float64]
 
 _STEP_M = 0.01
 _LEAST_M = 0.05  # less is not worth while
+_AS_LONG = 0.8  # the way that the car came, if it is so long as a share of the longest
 _KEEP_M = 0.03  # stopped so far before what the way ends at
 
 
 def retreat(
     costmap: Costmap, pose: FloatArray, driven: Path | None, most_m: float, margins_m: tuple[float, ...]
 ) -> Path | None:
-    """Return the longest way back from a pose (3,) in the map frame, at most most_m; None where none is free.
+    """Return the way back from a pose (3,) in the map frame, at most most_m; None where none is free.
 
-    driven: the way that the car came, to about where it stands. Where it drove backwards last, back is ahead. The first
-    margin that leaves a way counts. Where the car stands too near to something, it may leave; unknown space is taken
-    for occupied where the costmap forbids it.
+    driven: the way that the car came, to about where it stands, which counts first. Where it drove backwards last, back
+    is ahead. The first margin that leaves a way counts. Where the car stands too near to something, it may leave;
+    unknown space is taken for occupied where the costmap forbids it.
     """
     gear = 1 if driven is None or driven.direction[-1] > 0 else -1
     ways = [_straight(pose, -gear, most_m)]
@@ -35,7 +36,8 @@ def retreat(
     for margin_m in margins_m:
         corners = replace(costmap.vehicle, margin_m=margin_m).corners
         free = [(poses[: _free(costmap, poses, corners)], gears) for poses, gears in ways]
-        poses, gears = max(free, key=lambda way: len(way[0]))
+        longest = max(len(poses) for poses, _ in free)
+        poses, gears = next(way for way in free if len(way[0]) >= _AS_LONG * longest)
         if len(poses) * _STEP_M > _LEAST_M:
             return path_along(poses, gears[: len(poses)])
     return None
@@ -60,5 +62,5 @@ def _free(costmap: Costmap, poses: FloatArray, corners: FloatArray) -> int:
     """Return how many of the first of poses (N, 3) may be driven; a way that ends at something ends before it."""
     local = np.ascontiguousarray(costmap.local(poses))
     grid = (costmap.blocked, costmap.to_blocked_m, costmap.grid.resolution_m)
-    touch = first_touch(*grid, local, corners)
-    return len(poses) if touch < 0 else max(touch - round(_KEEP_M / _STEP_M), 0)
+    contact = first_contact(*grid, local, corners)
+    return len(poses) if contact < 0 else max(contact - round(_KEEP_M / _STEP_M), 0)

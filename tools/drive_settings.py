@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from mapping.map_tracking import TrackingSettings
 from planning.collision import LookAheadSettings
 from planning.costmap import UnknownSpace
+from planning.errors import PlanningError
 from planning.follower import FollowerSettings
 from planning.motion_prediction import MotionModel
 from planning.path import SpeedLimits
@@ -22,6 +24,8 @@ class AutopilotSettings:
     of no use to a car that has moved by more than moved_m or moved_rad while it was made. back_m: how far it backs off
     at most; back_offs: how often on the way to one goal. obstacle_range_m: what is farther away is not taken for
     something new: a degree of heading is 7 cm there.
+
+    Raises PlanningError for values that make no sense.
     """
 
     margins_m: tuple[float, ...] = (0.04, 0.02, 0.0)
@@ -40,3 +44,17 @@ class AutopilotSettings:
     look_ahead: LookAheadSettings = LookAheadSettings()
     safety: SafetyLimits = SafetyLimits()
     tracking: TrackingSettings = TrackingSettings()
+
+    def __post_init__(self) -> None:
+        if not self.margins_m or not all(math.isfinite(margin_m) and margin_m >= 0.0 for margin_m in self.margins_m):
+            raise PlanningError(f"drive: margins_m is {self.margins_m}, expected one or more numbers of 0 or more")
+        for name in ("check_m", "moved_m", "moved_rad", "back_m", "obstacle_range_m"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0.0):
+                raise PlanningError(f"drive: {name} is {value}, expected a finite number above 0")
+        if not (math.isfinite(self.pause_s) and self.pause_s >= 0.0):
+            raise PlanningError(f"drive: pause_s is {self.pause_s}, expected a finite number of 0 or more")
+        if self.tries < 1 or self.back_offs < 0:
+            raise PlanningError(
+                f"drive: tries is {self.tries} and back_offs {self.back_offs}, expected 1 and 0 or more"
+            )
