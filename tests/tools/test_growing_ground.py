@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.odometry import ScanMatch
 from mapping.slam import MappedScan
-from planning.costmap import UnknownSpace, costmap
-from planning.plan import PlanSettings, plan
+from planning.costmap import Costmap, UnknownSpace, costmap
+from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from tools.autopilot import Autopilot, AutopilotState
 from tools.closed_loop import ClosedLoop
@@ -25,6 +26,7 @@ from tools.simulated_car import SimulatedCar
 from tools.wall_contact import Room
 from tools.world import World
 
+FloatArray = NDArray[np.float64]
 CELL_M = 0.05
 
 
@@ -90,6 +92,10 @@ def test_a_car_that_explores_keeps_off_walls_and_may_drive_where_nobody_looked()
     assert exploring(AutopilotSettings(unknown=UnknownSpace.free)).unknown is UnknownSpace.free
 
 
+def find_path(known: Costmap, start: FloatArray, goal: FloatArray) -> PlanResult:
+    return plan(known, start, goal, PlanSettings(iterations=50), seed=0, clock=lambda: 0.0)
+
+
 def test_a_car_drives_round_a_wall_to_a_place_that_it_had_not_seen():
     occupied = np.zeros((200, 250), np.bool_)  # 5 m x 4 m
     occupied[[0, 1, -2, -1], :] = True
@@ -107,7 +113,7 @@ def test_a_car_drives_round_a_wall_to_a_place_that_it_had_not_seen():
         first.append(closed.grid_now())
         return first[-1]
 
-    search = PathSearchHere(lambda *ends: plan(*ends, PlanSettings(iterations=50), seed=0, clock=lambda: 0.0))
+    search = PathSearchHere(find_path)
     pilot = Autopilot(
         GrowingGround(grid_now, Vehicle(), settings, [goal]), Vehicle(), [goal], search, settings=settings
     )
