@@ -24,7 +24,7 @@ from tools.drive_planning import DrivePlanning, NextPath
 from tools.drive_settings import AutopilotSettings
 from tools.drive_status import ENDS, NOWHERE, AutopilotState, Situation, words_of
 from tools.map_of_today import Ground, Place, SavedGround, Sight
-from tools.path_following import Following, warm_up
+from tools.path_following import Following
 from tools.path_search import PathSearch
 
 __all__ = ["Autopilot", "AutopilotSettings", "AutopilotState", "Drive"]
@@ -82,7 +82,6 @@ class Autopilot:
         self._following: Following | None = None
         self._left: Following | None = None  # braked on
         self._ticked_s: float | None = None
-        warm_up(vehicle, settings)
         self._safe = SafeCommand(STANDSTILL, "no command yet", stopped=True)
 
     @property

@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.vehicle import DriveCommand
-from mapping.grid import OccupancyGrid
 from planning.collision import contact_at
-from planning.costmap import Costmap, costmap
+from planning.costmap import Costmap
 from planning.follower import Follower, FollowerStatus, FollowerStep
-from planning.path import Path, path_along
-from planning.retreat import retreat
-from planning.vehicle import Vehicle
+from planning.path import Path
 from tools.drive_settings import AutopilotSettings
 
 FloatArray = NDArray[np.float64]
@@ -74,14 +69,3 @@ class Following:
             return ""
         way_m = float(np.hypot(*np.diff(way[: contact + 1, :2], axis=0).T).sum())
         return f"contact in {way_m:.2f} m"
-
-
-def warm_up(vehicle: Vehicle, settings: AutopilotSettings) -> None:
-    """Compile what a step needs, or load it: that takes seconds, which a car on its way does not have."""
-    cells = np.full((80, 80), -1.0, np.float32)
-    cells[40, 60] = 5.0  # ahead, so that the look ahead comes to its end
-    near = costmap(OccupancyGrid(cells, 0.05, np.zeros(3)), replace(vehicle, margin_m=0.0), settings.unknown)
-    poses = np.column_stack([np.linspace(1.0, 3.5, 250), np.full(250, 2.0), np.zeros(250)])
-    for path in (path_along(poses[:50]), path_along(poses)):
-        Following(path, settings).step(near, poses[0], 0.1, 0.0)
-    retreat(near, poses[0], None, settings.back_m, settings.margins_m)

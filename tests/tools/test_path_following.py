@@ -6,16 +6,12 @@ import numpy as np
 import pytest
 
 from mapping.grid import OccupancyGrid
-from planning.collision import first_contact
 from planning.costmap import UnknownSpace, costmap
 from planning.follower import FollowerStatus
-from planning.footprint import clearance_m
 from planning.path import path_along
-from planning.pursuit import curvature_1pm, regulated_mps, spot_of, way_on
-from planning.retreat import retreat
 from planning.vehicle import Vehicle
 from tools.drive_settings import AutopilotSettings
-from tools.path_following import Following, warm_up
+from tools.path_following import Following
 
 CAR = Vehicle(margin_m=0.0)
 NOSE_M = 0.3405
@@ -104,14 +100,3 @@ def test_what_is_driven_of_the_path_is_known():
     following.step(room(), START + by(0.4, 0.0, 0.0), 0.4, 0.0)
     assert following.driven is not None
     np.testing.assert_allclose(following.driven.poses[[0, -1]], [START, START + by(0.4, 0.0, 0.0)], atol=0.011)
-
-
-def test_after_warming_up_nothing_is_left_to_compile():
-    warm_up(Vehicle(), AutopilotSettings())
-    compiled = (first_contact, way_on, spot_of, curvature_1pm, regulated_mps, clearance_m)
-    before = [len(function.signatures) for function in compiled]
-    near = room(np.s_[38:43, 60:64])
-    driven(Following(straight(), AutopilotSettings(check_m=0.5)), near)
-    retreat(near, START, straight(), 0.5, (0.04, 0.0))
-    assert [len(function.signatures) for function in compiled] == before
-    assert min(before) > 0
