@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -22,6 +24,10 @@ def drives(
         float, typer.Option(min=0.1, help="Ends of the drives lie so near, in m, to where the map was made.")
     ] = math.inf,
     jobs: Annotated[int, typer.Option(min=1, help="Processes that drive at once.")] = 1,
+    live: Annotated[
+        int,
+        typer.Option(min=0, metavar="N", help="Instead: so many in real time of each kind, driven by `run` itself."),
+    ] = 0,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -30,15 +36,24 @@ def drives(
     Commands go as MAVLink bytes to an emulated rover, which is the car. The pose is that of SLAM on the map; the
     simulator's truth is read by the scorer alone. 0.5 m/s at most, commands take hold after 0.1 s. Stops of each kind:
     old poses, old scans, an emergency stop, a silent vehicle, our process killed, a cut link, a vehicle that hears
-    nothing. Exit code 1: the car touched something, or something else is not as it must be.
+    nothing. --live: `run` drives an emulated car over a pseudo-terminal and UDP; it arrives, or is ended by Ctrl-C, an
+    emergency stop, SIGKILL, a silent lidar or a cut link; half a minute each. Exit code 1: the car touched something,
+    or something else is not as it must be.
     """
     from tools.drive_evaluation import DrivesWanted, evaluate_drives
     from tools.drive_report import table_of
+    from tools.live_drive_trials import evaluate_live, table_of_live
 
-    report = evaluate_drives(DrivesWanted(count, stops, boxes, seed, within, jobs), log.info)
+    if live:
+        with TemporaryDirectory() as folder:
+            report = evaluate_live(live, seed, Path(folder), log.info)
+        lines = table_of_live(report)
+    else:
+        report = evaluate_drives(DrivesWanted(count, stops, boxes, seed, within, jobs), log.info)
+        lines = table_of(report)
     if as_json:
         print_json(report)
     else:
-        for line in table_of(report):
+        for line in lines:
             typer.echo(line)
     raise typer.Exit(ExitCode.OK if report["passed"] else ExitCode.FAILED)
