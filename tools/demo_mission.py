@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.map_io import read_map
 from tools.demo_camera import camera_line, fuse_with_camera, map_with_camera
-from tools.demo_cars import CarFiles, DemoCar, drive_live
+from tools.demo_cars import CarFiles, DemoCar, MapLive, drive_live, explore_live
 from tools.demo_drive import DriveOutcome, DriveWanted, drive_line, drive_to_goal, score_drive
 from tools.demo_processes import Stopped, run_command
 from tools.demo_scores import MappedCar, read_car, score_alignment, score_car, score_common
@@ -31,14 +31,19 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 log = logging.getLogger(__name__)
-CARS = (DemoCar("A", "A2M8", "wings-west", 0.04), DemoCar("B", "A2M12", "wings-east", 0.05, motor_pwm=792))
+_GOALS_A = ((2.2, 6.9, 1.57), (6.3, 9.6, 0.0), (11.3, 6.3, 0.3))
+_GOALS_B = ((14.4, 10.2, 1.0), (16.1, 6.8, -1.6), (10.0, 5.9, 3.0))
+CARS = (
+    DemoCar("A", "A2M8", "wings-west", 0.04, goals=_GOALS_A),
+    DemoCar("B", "A2M12", "wings-east", 0.05, motor_pwm=792, goals=_GOALS_B),
+)
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
 
 
-def run_demo(folder: Path, seed: int) -> Report | None:
+def run_demo(folder: Path, seed: int, *, explore: bool = False) -> Report | None:
     """Run the mission, write the picture and demo.json, and return what that holds; None if the user ended it.
 
-    Raises ToolError naming the part that failed.
+    explore: the cars drive themselves while they map. Raises ToolError naming the part that failed.
     """
     started = time.monotonic()
     _clear(folder)
@@ -47,7 +52,7 @@ def run_demo(folder: Path, seed: int) -> Report | None:
         each.folder.mkdir()
     with stop_on_signals() as stop:
         try:
-            report = _mission(folder, files, seed, stop.is_set)
+            report = _mission(folder, files, seed, explore_live if explore else drive_live, stop.is_set)
         except KeyboardInterrupt:
             return None
     report["seconds"] = round(time.monotonic() - started, 1)
@@ -72,9 +77,9 @@ def exit_code_of(report: Report) -> ExitCode:
     return ExitCode.OK
 
 
-def _mission(folder: Path, files: list[CarFiles], seed: int, stopped: Stopped) -> Report:
+def _mission(folder: Path, files: list[CarFiles], seed: int, map_live: MapLive, stopped: Stopped) -> Report:
     log.info("1/7  two emulated cars with RPLIDARs set out (simulated data)")
-    emitted = drive_live(list(zip(CARS, files, strict=True)), seed, stopped, log.info)
+    emitted = map_live(list(zip(CARS, files, strict=True)), seed, stopped, log.info)
     log.info("2/7  both recordings are replayed")
     for each in files:
         run_command(stopped, "-q", "replay", str(each.live / "recording.mcap"), "-o", str(each.replay))
@@ -101,6 +106,7 @@ def _mission(folder: Path, files: list[CarFiles], seed: int, stopped: Stopped) -
     report: Report = {
         "simulated": True,
         "seed": seed,
+        "explored": map_live is explore_live,
         "cars": [score_car(each, result, count) for each, result, count in zip(mapped, files, emitted, strict=True)],
         "common": score_common(a, b),
         "alignment": score_alignment(a, b, fused["pairs"][0]),

@@ -17,12 +17,13 @@ from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.sensor_models import LidarModel
 from mapping.trajectory import Trajectory
 from tools import demo_processes
-from tools.demo_cars import CarFiles, DemoCar, drive_live
+from tools.demo_cars import CarFiles, DemoCar, drive_live, explore_live
 from tools.demo_mission import CARS, exit_code_of, run_demo
 from tools.demo_processes import run_command
 from tools.demo_scores import MappedCar, score_common
 from tools.emulation import Drive
 from tools.errors import ToolError
+from tools.wall_contact import Room
 from tools.world import wings
 
 CAR = DemoCar("A", "A2M8", "wings-west", 0.05)
@@ -154,6 +155,42 @@ if "emulate" in sys.argv:
     say(event="arrived")
 time.sleep(60)
 """
+
+
+EXPLORER = """
+import json, signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: stop())
+def stop():
+    say(event="stopped", samples_emitted=7)
+    sys.exit(0)
+def say(**event): print(json.dumps(event), flush=True)
+if "run" in sys.argv:
+    sys.exit(CODE if "--map" not in sys.argv and sys.argv.count("--goal") == 2 else 1)
+say(event="ready", vehicle="udpout:127.0.0.1:9")
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_cars_that_explore_end_by_themselves(code, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo_processes, "_ENTRY", EXPLORER.replace("CODE", str(code)))
+    before, told = children(), list[str]()
+    car = DemoCar(
+        "A", "A2M8", "wings-west", 0.05, goals=((*Drive.tour("wings-west").truth.poses[0],), (2.2, 6.9, 1.57))
+    )
+    cars = [(car, CarFiles(tmp_path))]
+    if code:
+        with pytest.raises(ToolError, match="car A: run failed with exit code 3"):
+            explore_live(cars, 0, lambda: False, told.append)
+    else:
+        assert explore_live(cars, 0, lambda: False, told.append) == [7]
+        assert "--goal 0.0000 0.0000 0.0000" in told[0]  # the car's start, on its own map
+    assert children() == before
+
+
+def test_goals_of_the_cars_have_room():
+    room = Room(wings())
+    assert all(room(np.array(goal)) for car in CARS for goal in car.goals)
 
 
 @pytest.mark.parametrize("drives_s", [("3.0", "5.0"), ("5.0", "3.0")])  # seconds: the stand-ins need some to start

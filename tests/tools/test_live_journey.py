@@ -58,7 +58,7 @@ def test_run_refuses_in_one_line_before_it_looks_for_a_lidar(cli, room, tmp_path
         (
             ("--goal", "1.0", "0.02", "0"),
             1,
-            "--goal 1 0.02 0: stands on an occupied cell; the nearest pose that would do: --goal",
+            "--goal 1 0.02 0: reaches over the map's edge with the car's body; the nearest pose that would do: --goal",
         ),
         (("--goal", "-5", "1", "0"), 1, "--goal -5 1 0: is outside the map; the nearest pose that would do: --goal"),
         (("--goal", "1", "1"), 2, "--goal 1 1: expected three numbers"),
