@@ -157,4 +157,4 @@ def _emitted(emulator: CommandProcess, stopped: Stopped) -> int:
 
 
 def _words(pose: FloatArray) -> list[str]:
-    return [f"{value:.4f}" for value in pose.tolist()]
+    return [f"{round(value, 4) + 0.0:.4f}" for value in pose.tolist()]  # no -0.0000
