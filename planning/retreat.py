@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from planning.collision import first_touch
+from planning.collision import first_contact
 from planning.costmap import Costmap
 from planning.path import Path, path_along
 
@@ -62,5 +62,5 @@ def _free(costmap: Costmap, poses: FloatArray, corners: FloatArray) -> int:
     """Return how many of the first of poses (N, 3) may be driven; a way that ends at something ends before it."""
     local = np.ascontiguousarray(costmap.local(poses))
     grid = (costmap.blocked, costmap.to_blocked_m, costmap.grid.resolution_m)
-    touch = first_touch(*grid, local, corners)
-    return len(poses) if touch < 0 else max(touch - round(_KEEP_M / _STEP_M), 0)
+    contact = first_contact(*grid, local, corners)
+    return len(poses) if contact < 0 else max(contact - round(_KEEP_M / _STEP_M), 0)

@@ -28,7 +28,7 @@ class AutopilotSettings:
     Raises PlanningError for values that make no sense.
     """
 
-    margins_m: tuple[float, ...] = (0.04, 0.02, 0.0)
+    margins_m: tuple[float, ...] = (0.07, 0.04, 0.02, 0.0)
     check_m: float = 2.5
     pause_s: float = 0.6
     tries: int = 3

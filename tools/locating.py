@@ -16,6 +16,7 @@ from mapping.slam import MappedScan
 
 FloatArray = NDArray[np.float64]
 
+_HINT = "; push the car on, or tell it where it stands"  # a car that stands sees nothing new
 _FIRST = 5  # scans that make the place exact that the car is told
 _TOLD_M, _TOLD_RAD = 0.1, 0.1  # standard deviations of that
 
@@ -41,7 +42,7 @@ class Locating:
         """Take in a scan whose match was accepted; return where it was made, None where that is not known."""
         if self._guess is None:
             place = self._everywhere.add(mapped.stamp_ns, mapped.points, mapped.match.pose)
-            self.reason = self._everywhere.reason
+            self.reason = self._everywhere.reason + (_HINT if place is None else "")
             return place
         return self._followed(mapped, self._guess)
 

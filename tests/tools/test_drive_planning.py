@@ -15,7 +15,7 @@ from planning.vehicle import Vehicle
 from tools.drive_planning import DrivePlanning
 from tools.drive_settings import AutopilotSettings
 from tools.map_of_today import Place, near_costmap
-from tools.path_search import PathSearchHere
+from tools.path_search import PathAnswer, PathSearchHere, PathWanted
 
 HERE, GOAL = np.array([2.0, 2.0, 0.0]), np.array([4.0, 2.0, 0.0])
 RULE = AutopilotSettings(margins_m=(0.02,))
@@ -166,3 +166,38 @@ def test_what_is_found_here_again_and_again_but_cannot_be_followed_counts_as_not
     found = stage.stand(10.0)
     assert found.backs_off
     assert "cannot be followed: contact in 0.04 m" in found.reason
+
+
+class Rooms:
+    """A search that finds a path with more room where it begins farther back."""
+
+    def __init__(self, margin_back_m):
+        self.margin_back_m = margin_back_m
+        self.asked: list[PathWanted] = []
+
+    def ask(self, wanted):
+        self.asked.append(wanted)
+
+    def answer(self):
+        start, goal = self.asked[-1].start, self.asked[-1].goal
+        margin_m = 0.0 if start[0] > HERE[0] - 0.3 else self.margin_back_m
+        return PathAnswer(straight(start, goal), margin_m)
+
+    def close(self):
+        pass
+
+
+def beside_a_box(margin_back_m, wall):
+    stage = Stage(straight, grid=room(wall))
+    stage.planning = DrivePlanning(Rooms(margin_back_m), Vehicle(), RULE, stage.notes)
+    stage.planning.begin(GOAL, "set out")
+    return stage.stand(5.0)
+
+
+NEXT_TO_IT = np.s_[35:45, 47:50]  # its near side at x = 2.35 m, the car's nose at 2.3405 m
+
+
+def test_from_too_near_it_backs_off_if_a_path_from_there_has_more_room():
+    assert beside_a_box(RULE.margins_m[0], NEXT_TO_IT).backs_off
+    assert not beside_a_box(0.0, NEXT_TO_IT).backs_off
+    assert not beside_a_box(RULE.margins_m[0], None).backs_off  # in the open it is the way that is narrow

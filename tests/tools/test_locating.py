@@ -51,6 +51,7 @@ def test_what_is_seen_of_a_small_room_is_not_enough_and_it_says_what_is_wanted(s
     locating = Locating(saved, None, NO_OFFSET, TrackingSettings())
     assert locating.add(MappedScan(0, few.pose, few.match, near, False, False)) is None
     assert "confirmed 0.9 m on" in locating.reason
+    assert "push the car on" in locating.reason
 
 
 def places(locating, walls, count):
