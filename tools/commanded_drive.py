@@ -104,10 +104,15 @@ class CommandedDrive:
             self._arm(now_ns)
         self._safe = safe = self._pilot.tick(now_ns * 1e-9)
         self._attempt(lambda: self._send(safe))
-        amiss = self._watch.tell(now_ns * 1e-9, safe.command.speed_mps) if self._armed else ""
-        if amiss and not self.fault and self.state is not None and self.state.ready:
-            self._fail(amiss)
+        self._judge(now_ns, safe)
         return safe
+
+    def _judge(self, now_ns: int, safe: SafeCommand) -> None:
+        """End the drive where the car does not do what it is told, but where somebody else drives it."""
+        amiss = self._watch.tell(now_ns * 1e-9, safe.command.speed_mps) if self._armed else ""
+        ours = self._pilot.safety.emergency or (self.state is not None and self.state.ready)
+        if amiss and ours:
+            self._fail(amiss)
 
     def _attempt(self, exchange: Callable[[], None]) -> None:
         """Exchange something with the vehicle; what the link raises ends the drive, and the car is told to stand."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +60,8 @@ class _BoxOnPath:
             return
         if pilot.step.progress_m < self._after_m or pilot.place is None:
             return
-        at = self._place(pilot.drives[0].path, pilot.step.progress_m, pilot.place.T_map_base)
+        ends = self._case.goal, pilot.place.T_map_base
+        at = place_ahead(pilot.drives[0].path, pilot.step.progress_m + self._ahead_m, ends)
         if at is None or self.world is None:
             return
         half = _SIDE_M / 2.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
@@ -67,15 +69,15 @@ class _BoxOnPath:
         self.world.put_box(se2.transform_points(place, half))
         self.put_s = now_s
 
-    def _place(self, path: Path, progress_m: float, pose: FloatArray) -> FloatArray | None:
-        """Return the pose (3,) on the path for the box, None where it would be too near to something or beyond."""
-        marks = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path.poses[:, :2], axis=0).T))])
-        at = int(np.searchsorted(marks, progress_m + self._ahead_m))
-        if at >= len(marks):
-            return None
-        place: FloatArray = path.poses[at]
-        near_m = min(float(np.hypot(*(place - end)[:2])) for end in (self._case.goal, pose))
-        return place if near_m >= _CLEAR_M else None
+
+def place_ahead(path: Path, progress_m: float, ends: Sequence[FloatArray]) -> FloatArray | None:
+    """Return the pose (3,) of a path at a progress, None where it is beyond its end or near to one of `ends` (3,)."""
+    marks = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path.poses[:, :2], axis=0).T))])
+    at = int(np.searchsorted(marks, progress_m))
+    if at >= len(marks):
+        return None
+    place: FloatArray = path.poses[at]
+    return place if min(float(np.hypot(*(place - end)[:2])) for end in ends) >= _CLEAR_M else None
 
 
 def _boxed_drive(case: Case) -> Report | None:

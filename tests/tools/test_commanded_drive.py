@@ -211,3 +211,15 @@ def test_a_car_that_does_not_follow_is_stopped_for_good():
             clock.sleep(0.05)
     assert "does not follow: told 0.40 m/s" in drive.fault
     assert not rover.autopilot.armed
+
+
+def test_a_car_that_drives_on_after_an_emergency_stop_is_told_of():
+    bench = Bench("deaf@4")
+    with bench.vehicle:
+        bench.pilot.place = located(bench.clock())
+        while bench.clock() < 9_000_000_000:
+            bench.run(0.05)
+        bench.pilot.safety.emergency_stop("pressed")
+        bench.run(2.0)
+        assert "does not follow: told 0.00 m/s" in bench.drive.fault
+        assert bench.safe.reason == "emergency stop: pressed"
