@@ -17,6 +17,7 @@ from drivers.rplidar_emulated_scan import Ranger
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import MODELS
 from drivers.vehicle import VehicleMessage, VehicleState
+from mapping.grid import OccupancyGrid
 from mapping.slam import MappedScan
 from planning.safety import SafeCommand
 from tools.autopilot import Autopilot, AutopilotState
@@ -94,7 +95,7 @@ class ClosedLoop:
     """A simulated car that an autopilot drives through its link; disturb(now_s) is called every 10 ms.
 
     deaf_to_poses: from then on no scan gives a pose any more (as if matching failed), though scans come. drive: what
-    commands the car, as on a real one.
+    commands the car, as on a real one. live: the map that the car makes is wanted on the way.
     """
 
     def __init__(
@@ -104,6 +105,7 @@ class ClosedLoop:
         config: Config,
         *,
         disturb: Callable[[float], None] = lambda _: None,
+        live: bool = False,
     ) -> None:
         self.log = LoopLog()
         self.deaf_to_poses = False
@@ -115,7 +117,12 @@ class ClosedLoop:
         self._scans: EmulatedScans | None = None
         self._killed = False
         quick = config.with_slam(loop_closure=False, refine=False, scan_every=None)
-        self._flow = MappingFlow(quick, config.mount())
+        self._flow = MappingFlow(quick, config.mount(), live=live)
+
+    def grid_now(self) -> OccupancyGrid:
+        """Return the map that the car is making, with all scans so far; only of a `live` loop."""
+        assert self._flow.mapper.live_grid is not None
+        return self._flow.mapper.live_grid.grid()
 
     def unplug_lidar(self) -> None:
         """Take the lidar away."""

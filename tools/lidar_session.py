@@ -15,6 +15,7 @@ from drivers.messages import Recordable
 from drivers.recording_writer import McapRecorder, RecordingReport
 from drivers.rplidar_decoder import load_compiled
 from mapping.graph_state import GraphState
+from mapping.grid import OccupancyGrid
 from mapping.mount import Mount
 from mapping.slam import MappedScan
 from tools.clock import RunClock
@@ -81,12 +82,12 @@ def run_session(
         folder = new_folder()
         depth = _depth_flow(sensors, config)
         mount = _scanner_mount(sensors, config)
-        live = record and config.grid.live_s > 0
+        live = (record and config.grid.live_s > 0) or any(part.needs_map for part in parts)
         flow = MappingFlow(config, mount, background=background, resume=resume, live=live, depth=depth)
         recorder = _start_recording(folder / RECORDING_NAME, config, clock, sensors) if record else None
         put: Put = _discard if recorder is None else recorder.put
         try:
-            with going_along(parts, LiveSession(clock, mount, put, stop)):
+            with going_along(parts, LiveSession(clock, mount, put, stop, _grid_now(flow))):
                 outcome = run_live(
                     sensors.lidar,
                     flow,
@@ -165,6 +166,10 @@ def _start_recording(path: Path, config: Config, clock: RunClock, sensors: LiveS
     return recorder
 
 
+def _grid_now(flow: MappingFlow) -> Callable[[], OccupancyGrid] | None:
+    return None if flow.mapper.live_grid is None else flow.mapper.live_grid.grid
+
+
 def _discard(_message: Recordable) -> None:
     """Stand in for a recorder where none is wanted."""
 
@@ -207,7 +212,7 @@ class _OnMapped:
     def _record_map(self, stamp_ns: int) -> None:
         """Record the map as it is now, if the last time is long enough ago."""
         live = self._flow.mapper.live_grid
-        if live is None:
+        if live is None or self._live_ns == 0:
             return
         if self._drawn_ns is None:
             self._drawn_ns = stamp_ns

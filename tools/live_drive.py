@@ -1,4 +1,6 @@
-"""A car that drives itself to goals on a saved map while the session maps and records: a part of a live session.
+"""A car that drives itself to goals while the session maps and records: a part of a live session.
+
+The goals are on a saved map, or, without one, on the map that the session is making, whose frame is the car's start.
 
 Three threads have to do with it: the mapping thread hands scans to the autopilot, the reading thread tells that scans
 come at all, and a thread of its own (tools/drive_thread.py) commands the car and waits for neither.
@@ -25,6 +27,7 @@ from tools.bell import Bell
 from tools.config import Config
 from tools.drive_log import Outcome
 from tools.drive_thread import DriveThread
+from tools.growing_ground import GrowingGround, exploring
 from tools.localisation import PlacesOnMap
 from tools.path_search import PathSearch
 from tools.piloted_car import PilotedCar
@@ -36,12 +39,22 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriveWanted:
-    """Goals (3,) in the map's frame, one after the other; start (3,): where about the car stands, None: not known."""
+    """Goals (3,) in the map's frame, one after the other; start (3,): where about the car stands, None: not known.
 
-    map_file: Path
-    grid: OccupancyGrid
+    saved None: on the map that is being made, and start means nothing.
+    """
+
     goals: Sequence[FloatArray]
+    saved: SavedMap | None = None
     start: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SavedMap:
+    """A map and the file that it was read from."""
+
+    file: Path
+    grid: OccupancyGrid
 
 
 def autopilot_settings(config: Config) -> AutopilotSettings:
@@ -76,22 +89,24 @@ class LiveDrive:
         self.conclusion: tuple[Outcome, str] = (Outcome.interrupted, "ended before it began")
         self._wanted, self._vehicle, self._config = wanted, vehicle, config
         self._search, self._bell = search, bell
-        self._places = PlacesOnMap(wanted.map_file)
+        self.needs_map = wanted.saved is None
+        self._places = None if wanted.saved is None else PlacesOnMap(wanted.saved.file)
         self._car: PilotedCar | None = None
         self._thread: DriveThread | None = None
 
     def begin(self, session: LiveSession) -> None:
         """Begin to look for the place, then for a path; the car is armed once the place is known."""
         wanted, config = self._wanted, self._config
-        pilot = Autopilot(
-            wanted.grid,
-            config.planning.vehicle(),
-            wanted.goals,
-            self._search,
-            session.mount.pose[:2],
-            autopilot_settings(config),
-            wanted.start,
-        )
+        settings, body = autopilot_settings(config), config.planning.vehicle()
+        ground: OccupancyGrid | GrowingGround
+        if wanted.saved is not None:
+            ground = wanted.saved.grid
+        else:
+            assert session.grid_now is not None
+            settings = exploring(settings)
+            ground = GrowingGround(session.grid_now, body, settings, wanted.goals)
+        laser = session.mount.pose[:2]
+        pilot = Autopilot(ground, body, wanted.goals, self._search, laser, settings, wanted.start)
         self._car = car = PilotedCar(pilot, self._vehicle, wanted.goals, session, config.drive.patience_s)
         self._thread = DriveThread(car, self._vehicle, session.clock, self._bell, session.stop, car.look)
         self._thread.start()
@@ -106,7 +121,7 @@ class LiveDrive:
         if self._car is None:
             return
         self._car.pilot.add_scan(mapped)
-        if mapped.match.accepted:
+        if mapped.match.accepted and self._places is not None:
             place = self._car.pilot.place
             self._places.add(mapped.stamp_ns, place, self._car.status() if place is None else place.reason)
 
@@ -131,4 +146,4 @@ class LiveDrive:
             **self._car.report(),
             "thread": self._thread.pace.summary(),
         }
-        return {"drive": drive, "localisation": self._places.save(folder)}
+        return {"drive": drive, **({} if self._places is None else {"localisation": self._places.save(folder)})}

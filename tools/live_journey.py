@@ -21,7 +21,7 @@ from tools.drive_log import Outcome
 from tools.drive_thread import EMERGENCIES, KEY
 from tools.drive_warm_up import warm_up_drive
 from tools.errors import ToolError, UsageError
-from tools.live_drive import DriveWanted, LiveDrive
+from tools.live_drive import DriveWanted, LiveDrive, SavedMap
 from tools.live_telling import LiveTelling
 from tools.localisation import FoundOnMap, read_saved
 from tools.path_search import PathSearchBeside
@@ -43,12 +43,12 @@ class JourneyWanted:
     has_lidar: bool = True
 
     def __post_init__(self) -> None:
-        if self.goals and self.map_file is None:
-            raise UsageError("--goal: needs --map MAP, the map on which it lies and on which the way is planned")
         if self.goals and not self.has_lidar:
             raise UsageError("--goal: needs --lidar: a car that drives must see all around")
         if self.start is not None and not self.goals:
             raise UsageError("--start: only with --goal; without it the car is looked for on the whole map")
+        if self.start is not None and self.map_file is None:
+            raise UsageError("--start: only with --map; without it the car's start is where the map begins")
 
     @property
     def uses_vehicle(self) -> bool:
@@ -123,12 +123,15 @@ def journey(wanted: JourneyWanted, config: Config, clock: RunClock) -> Iterator[
 
 
 def _checked(wanted: JourneyWanted, config: Config) -> DriveWanted | None:
-    if not wanted.goals or wanted.map_file is None:
+    if not wanted.goals:
         return None
-    grid = read_saved(wanted.map_file)
+    grid = None if wanted.map_file is None else read_saved(wanted.map_file)
     check_goals(grid, config, wanted.goals, wanted.start)
     goals = [np.array(goal) for goal in wanted.goals]
-    return DriveWanted(wanted.map_file, grid, goals, None if wanted.start is None else np.array(wanted.start))
+    if grid is None or wanted.map_file is None:
+        return DriveWanted(goals)
+    saved = SavedMap(wanted.map_file, grid)
+    return DriveWanted(goals, saved, None if wanted.start is None else np.array(wanted.start))
 
 
 def _search(config: Config) -> PathSearchBeside:

@@ -31,6 +31,7 @@ class LiveTelling:
     """
 
     tells = False
+    needs_map = False
 
     def __init__(self, vehicle: Vehicle, bell: Bell, place_of: Callable[[], Located | None] | None = None) -> None:
         self._vehicle, self._bell, self._place_of = vehicle, bell, place_of

@@ -35,14 +35,21 @@ def test_without_goal_and_vehicle_the_car_is_at_most_looked_for(room):
 @pytest.mark.parametrize(
     ("wanted", "words"),
     [
-        ({"goals": (GOAL,)}, "--goal: needs --map"),
         ({"goals": (GOAL,), "map_file": "m.yaml", "has_lidar": False}, "--goal: needs --lidar"),
         ({"start": GOAL, "map_file": "m.yaml"}, "--start: only with --goal"),
+        ({"start": GOAL, "goals": (GOAL,)}, "--start: only with --map"),
     ],
 )
 def test_what_makes_no_sense_together_is_refused(wanted, words):
     with pytest.raises(UsageError, match=words):
         JourneyWanted(**wanted)
+
+
+def test_goals_without_a_map_are_on_the_one_that_is_being_made(room):
+    for map_file, is_made in ((None, True), (room, False)):
+        with journey(JourneyWanted(map_file, (GOAL,), vehicle="none"), Config(), RunClock()) as way:
+            (drive,) = way.parts
+            assert drive.needs_map is is_made
 
 
 def test_run_refuses_in_one_line_before_it_looks_for_a_lidar(cli, room, tmp_path):

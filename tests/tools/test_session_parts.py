@@ -13,6 +13,7 @@ from tools.session_parts import LiveSession, going_along
 
 class Part:
     tells = False
+    needs_map = False
 
     def __init__(self, name, told, failing=False):
         self.name, self.told, self.failing = name, told, failing

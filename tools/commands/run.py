@@ -53,7 +53,8 @@ def run(
         list[str] | None,
         typer.Option(
             metavar="X Y YAW",
-            help="Drive there on the map of --map, in m and rad (0 along x); may be repeated: one after the other.",
+            help="Drive there on the map of --map, in m and rad (0 along x); may be repeated: one after the other."
+            " Without --map on the map that is being made, which begins where the car stands, x ahead.",
         ),
     ] = None,
     start: Annotated[
