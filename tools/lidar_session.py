@@ -21,7 +21,7 @@ from mapping.slam import MappedScan
 from tools.clock import RunClock
 from tools.config import Config, ConfigError
 from tools.depth_flow import DepthFlow, scan_mount
-from tools.live_run import LiveOutcome, Put, record_live, run_live
+from tools.live_run import QUEUE_FRESH, QUEUE_SCANS, LiveOutcome, Put, record_live, run_live
 from tools.live_sensors import LiveSensors, started_sensors
 from tools.pipeline import (
     CAMERA_FRAME,
@@ -96,6 +96,7 @@ def run_session(
                     on_mapped=_OnMapped(flow, parts, put, config.grid.live_s),
                     release=sensors.close,
                     camera=sensors.camera,
+                    queue_scans=QUEUE_FRESH if any(part.hurries for part in parts) else QUEUE_SCANS,
                 )
             if len(flow.mapper.trajectory):
                 put(grid_snapshot(flow.maps()["map"], int(flow.mapper.trajectory.stamps_ns[-1])))
@@ -249,9 +250,13 @@ def _session_details(sensors: LiveSensors, outcome: LiveOutcome, recorded: Recor
 
 
 def session_is_whole(report: Report) -> bool:
-    """Whether no scan was dropped, no camera lost, and nothing is missing from the recording, if one was asked for."""
+    """Whether no scan was dropped, no camera lost, and nothing is missing from the recording, if one was asked for.
+
+    A car that drives leaves out scans on purpose, rather than look at old ones.
+    """
     recording = report.get("recording") or {"error": None, "dropped": {}}
-    return not (report["dropped_scans"] or report["camera_fault"] or recording["error"] or recording["dropped"])
+    dropped = 0 if "drive" in report else report["dropped_scans"]
+    return not (dropped or report["camera_fault"] or recording["error"] or recording["dropped"])
 
 
 def _log_end(report: Report, folder: Path) -> None:

@@ -84,6 +84,7 @@ class LiveDrive:
     """
 
     tells = True
+    hurries = True
 
     def __init__(self, wanted: DriveWanted, vehicle: Vehicle, config: Config, search: PathSearch, bell: Bell) -> None:
         self.conclusion: tuple[Outcome, str] = (Outcome.interrupted, "ended before it began")

@@ -31,6 +31,7 @@ class LiveTelling:
     """
 
     tells = False
+    hurries = False
     needs_map = False
 
     def __init__(self, vehicle: Vehicle, bell: Bell, place_of: Callable[[], Located | None] | None = None) -> None:

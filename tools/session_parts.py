@@ -38,10 +38,12 @@ class SessionPart(Protocol):
     """What goes along. Its calls come in the thread that maps, but note's.
 
     tells: it says in the log how things stand, so that the session need not. needs_map: it wants the map at any time.
+    hurries: old scans are of no use to it; where mapping is too slow for all, some are left out.
     """
 
     tells: bool
     needs_map: bool
+    hurries: bool
 
     def begin(self, session: LiveSession) -> None:
         """The sensors are started."""

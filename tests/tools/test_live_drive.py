@@ -109,6 +109,7 @@ class Saboteur:
     """A part of the session that fails as mapping might, once the car drives."""
 
     tells = False
+    hurries = False
     needs_map = False
 
     def __init__(self, when):

@@ -56,9 +56,9 @@ def test_run_refuses_in_one_line_before_it_looks_for_a_lidar(cli, room, tmp_path
     run = ("run", "--lidar", "/no/lidar", "-o", tmp_path / "out", "--map", room)
     for words, code, says in (
         (
-            ("--goal", "1.0", "0.02", "0"),
+            ("--goal", "0.3", "1.0", "3.1416"),
             1,
-            "--goal 1 0.02 0: reaches over the map's edge with the car's body; the nearest pose that would do: --goal",
+            "--goal 0.3 1 3.1416: stands on an occupied cell; the nearest pose that would do: --goal",
         ),
         (("--goal", "-5", "1", "0"), 1, "--goal -5 1 0: is outside the map; the nearest pose that would do: --goal"),
         (("--goal", "1", "1"), 2, "--goal 1 1: expected three numbers"),

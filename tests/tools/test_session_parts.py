@@ -13,6 +13,7 @@ from tools.session_parts import LiveSession, going_along
 
 class Part:
     tells = False
+    hurries = False
     needs_map = False
 
     def __init__(self, name, told, failing=False):
