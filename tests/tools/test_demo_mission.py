@@ -32,7 +32,7 @@ DRIVEN = {
     "driven_m": 9.0, "driven_s": 30.0,
 }  # fmt: skip
 WHOLE = {
-    "cars": [{"identical": True}], "alignment": {"accepted": True}, "camera": {"accepted": True},
+    "cars": [{"identical": True, "dropped_scans": 0}], "alignment": {"accepted": True}, "camera": {"accepted": True},
     "plan": {"solved": True, "error": None}, "drive": DRIVEN,
 }  # fmt: skip
 
@@ -210,6 +210,7 @@ def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monk
         ({}, 0),
         ({"alignment": {"accepted": False}, "plan": {"solved": False, "error": "NOT_FUSED"}}, 3),
         ({"camera": {"accepted": False}}, 3),
+        ({"cars": [{"identical": False, "dropped_scans": 2}]}, 0),  # a car that drives itself leaves out old scans
     ],
 )
 def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
@@ -219,7 +220,7 @@ def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"cars": [{"identical": False}]}, "replay differs"),
+        ({"cars": [{"identical": False, "dropped_scans": 0}]}, "replay differs"),
         ({"plan": {"solved": False, "error": "TIMEOUT"}, "drive": None}, "TIMEOUT"),
         ({"drive": DRIVEN | {"arrived": False, "exit_code": 3}}, "did NOT arrive"),
         ({"drive": DRIVEN | {"contacts": 2}}, "2 CONTACTS"),
