@@ -62,7 +62,7 @@ class DriveSection(Section):
     margins_m: tuple[float, ...] = Field(
         (0.07, 0.04, 0.02, 0.0),
         min_length=1,
-        description="room to keep around the body: the first that leaves a path counts; car and map are off by 3 cm each",
+        description="room to keep around the body: the first that leaves a path counts",
     )
     lookahead_s: float = Field(
         _FOLLOWER.lookahead_s, gt=0, le=10, description="the car heads for where its path is so much later; see docs"
