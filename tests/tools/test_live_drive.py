@@ -26,9 +26,9 @@ from tools.drive_thread import KEY
 from tools.drive_warm_up import warm_up_drive
 from tools.lidar_session import SensorPorts, run_session
 from tools.live_drive import DriveWanted, LiveDrive, SavedMap, autopilot_settings
-from tools.live_drive_trials import WatchedCar
 from tools.path_search import PathSearchBeside
 from tools.signals import Stop
+from tools.watched_car import WatchedCar
 from tools.world import load_world
 
 START = np.array([1.6, 3.6, 0.0])
@@ -134,7 +134,7 @@ class Saboteur:
 
 @pytest.fixture
 def car(tmp_path):
-    car = WatchedCar(START, tmp_path / "lidar", 1)
+    car = WatchedCar("office", START, tmp_path / "lidar", 1)
     yield car
     car.close()
 
