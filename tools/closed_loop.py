@@ -19,7 +19,7 @@ from mapping.slam import MappedScan
 from planning.safety import SafeCommand
 from tools.autopilot import Autopilot, AutopilotState
 from tools.config import Config
-from tools.driven_world import DrivenWorld
+from tools.driven_world import CommandedCar, DrivenWorld
 from tools.pipeline import LidarDecoding, MappingFlow
 
 FloatArray = NDArray[np.float64]
@@ -85,13 +85,14 @@ class LoopLog:
 
 
 class ClosedLoop:
-    """A car in a world that an autopilot drives; disturb(now_s) is called at each tick, before the command.
+    """A car, in its world, that an autopilot drives; disturb(now_s) is called at each tick, before the command.
 
     deaf_to_poses: from then on no scan gives a pose any more (as if matching failed), though scans come.
     """
 
     def __init__(
         self,
+        car: CommandedCar,
         world: DrivenWorld,
         autopilot: Autopilot,
         config: Config,
@@ -100,7 +101,7 @@ class ClosedLoop:
     ) -> None:
         self.log = LoopLog()
         self.deaf_to_poses = False
-        self._world, self._autopilot, self._disturb = world, autopilot, disturb
+        self._car, self._world, self._autopilot, self._disturb = car, world, autopilot, disturb
         self._clock = SimulatedClock(START_NS)
         self._scans = EmulatedScans(world, self._clock)
         quick = config.with_slam(loop_closure=False, refine=False, scan_every=None)
@@ -144,7 +145,8 @@ class ClosedLoop:
         now_ns = self._clock()
         self._disturb(now_ns * 1e-9)
         safe = self._autopilot.tick(now_ns * 1e-9)
-        self._world.command(safe.command, now_ns)
+        self._world.advance(now_ns)
+        self._car.command(safe.command)
         step = self._autopilot.step
         progress_m = 0.0 if step is None else step.progress_m
         drives = len(self._autopilot.drives)

@@ -25,7 +25,7 @@ from tools.autopilot import Autopilot, AutopilotSettings, AutopilotState
 from tools.closed_loop import START_NS, ClosedLoop, EmulatedScans
 from tools.config import Config
 from tools.drive_scores import Stop, TrueDrive, arrival, contacts, largest_cross_track_m, stop_after
-from tools.driven_world import DrivenWorld
+from tools.driven_world import CommandedCar, DrivenWorld
 from tools.emulation import Drive as Tour
 from tools.emulation import simulated_lidar
 from tools.pipeline import MappingFlow
@@ -124,10 +124,11 @@ class Case:
         bench, config = self.bench, Config()
         pose = se2.compose(bench.mapped.T_world_map, self.start)
         seed = bench.seed * 10_000 + self.number
-        world = DrivenWorld(load_world(WORLD), pose, config.mount(), start_ns=START_NS, seed=seed, model=bench.model)
+        car = CommandedCar(pose, start_ns=START_NS, model=bench.model)
+        world = DrivenWorld(load_world(WORLD), car, config.mount(), start_ns=START_NS, seed=seed)
         sensor = config.mount().pose[:2]
         pilot = Autopilot(bench.mapped.grid, bench.vehicle, self.told, self.goal, find_path, sensor, bench.settings)
-        return ClosedLoop(world, pilot, config, disturb=disturb), pilot, world
+        return ClosedLoop(car, world, pilot, config, disturb=disturb), pilot, world
 
     def truth(self, world: DrivenWorld) -> TrueDrive:
         """Return what really happened."""

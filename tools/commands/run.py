@@ -49,7 +49,8 @@ def run(
     """
     from mapping.map_io import read_map
     from mapping.slam_state import read_state
-    from tools.lidar_session import run_session, session_is_whole
+    from tools.lidar_session import SensorPorts, run_session, session_is_whole
+    from tools.localisation import FoundOnMap
     from tools.result_folder import MAPPED, check_result_folder, new_results
     from tools.results import is_placed
     from tools.signals import stop_on_signals
@@ -62,14 +63,13 @@ def run(
         read_map(map_file)  # before the lidar starts: a bad file must not cost a drive
     with stop_on_signals() as stop:
         report, fault = run_session(
-            lidar,
+            SensorPorts(lidar, depth),
             config,
             lambda: new_results(output, MAPPED),
             stop,
             record=record,
             resume=earlier,
-            map_file=map_file,
-            camera_port=depth,
+            parts=[] if map_file is None else [FoundOnMap(map_file)],
         )
     if as_json:
         print_json(report)
