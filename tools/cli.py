@@ -45,6 +45,7 @@ from tools.commands import (
     record,
     replay,
     run,
+    service,
     udev_rule,
 )
 from tools.errors import ToolError, UsageError
@@ -72,6 +73,7 @@ app.command("pairs")(pairs.pairs)
 app.command("learn")(learn.learn)
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
+app.command("service", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(service.service)
 app.command("udev-rule")(udev_rule.udev_rule)
 app.add_typer(bench.app, name="bench")
 bench.app.command("depth")(bench_depth.depth)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from typing import Annotated
 
 import typer
@@ -53,6 +54,7 @@ def run(
     from tools.localisation import FoundOnMap
     from tools.result_folder import MAPPED, check_result_folder, new_results
     from tools.results import is_placed
+    from tools.service_notice import service_notices
     from tools.signals import stop_on_signals
 
     require_sensor(lidar, depth)
@@ -69,7 +71,7 @@ def run(
             stop,
             record=record,
             resume=earlier,
-            parts=[] if map_file is None else [FoundOnMap(map_file)],
+            parts=[*([] if map_file is None else [FoundOnMap(map_file)]), *service_notices(os.environ)],
         )
     if as_json:
         print_json(report)
