@@ -42,7 +42,7 @@ def udev_rule(port: str | None, name: str) -> str:
 
 
 def autopilot_rules(name: str) -> str:
-    """Rules that give an autopilot of PX4 or ArduPilot on USB the name /dev/`name`: its first port, which has MAVLink."""
+    """Rules that give an autopilot of PX4 or ArduPilot on USB the name /dev/`name`: its first port speaks MAVLink."""
     first = 'ENV{ID_USB_INTERFACE_NUM}=="00"'
     return "\n".join(_rule(vendor, product, None, name, first) for vendor, product in _AUTOPILOTS)
 
