@@ -92,32 +92,35 @@ def test_all_that_is_needed_is_gathered_by_the_other_computers_markers(index, ca
     make_wheel(index, "base", "1.0", "cp310-cp310-manylinux_2_17_aarch64")
     make_wheel(index, "base", "1.0", "cp310-cp310-manylinux_2_17_x86_64")
     make_wheel(index, "base", "2.0", "cp310-cp310-manylinux_2_17_aarch64")
-    make_wheel(index, "middle", "1.0", ANY, ("base>=1", "old-only; python_version < '3.11'", "win; os_name == 'nt'"))
+    make_wheel(
+        index,
+        "middle",
+        "1.0",
+        ANY,
+        ("base>=1", "old-only; python_version < '3.11'", "win; os_name == 'nt'", "late; extra == 'fast'"),
+    )
+    make_wheel(index, "late", "1.0")
     make_wheel(index, "old_only", "1.0")
-    make_wheel(index, "speed", "1.0", "cp310-abi3-manylinux2014_aarch64", ("middle",))
-    own = make_wheel(car, "own", "0.1", ANY, ("middle[fast]", "speed; extra == 'quick'", "never; extra == 'other'"))
+    make_wheel(index, "speed", "1.0", "cp310-abi3-manylinux2014_aarch64", ("middle[fast]",))
+    own = make_wheel(car, "own", "0.1", ANY, ("middle", "speed; extra == 'quick'", "never; extra == 'other'"))
     assert [needed.name for needed in dependencies(own, ["quick"], TX2)] == ["middle", "speed"]
     gathered = gather(own, ["quick"], {"base": "1.0", "middle": "1.0"}, TX2, car)
-    assert names(gathered) == {"own": "0.1", "middle": "1.0", "base": "1.0", "old-only": "1.0", "speed": "1.0"}
+    assert names(gathered) == {
+        "own": "0.1",
+        "middle": "1.0",
+        "base": "1.0",
+        "old-only": "1.0",
+        "speed": "1.0",
+        "late": "1.0",
+    }
     assert (gathered.others, gathered.missing) == ([], [])
     assert gathered.wheels["base"].name.endswith("_aarch64.whl")
-    newer = gather(own, [], {}, CarComputer("aarch64", (3, 11), 27), make_folder(car))
-    assert "old-only" not in newer.wheels
-    assert [one.wanted.name for one in newer.missing] == ["base"]  # its wheels are for another Python
 
 
 def make_folder(beside: Path) -> Path:
     folder = beside.with_name("other")
     folder.mkdir()
     return folder
-
-
-def test_an_extra_of_a_dependency_that_is_asked_for_later_is_heeded(index, car):
-    make_wheel(index, "a", "1.0", ANY, ("c; extra == 'more'",))
-    make_wheel(index, "b", "1.0", ANY, ("a[more]",))
-    make_wheel(index, "c", "1.0")
-    own = make_wheel(car, "own", "0.1", ANY, ("a", "b"))
-    assert set(gather(own, [], {}, TX2, car).wheels) == {"own", "a", "b", "c"}
 
 
 def test_what_the_pinned_version_has_no_wheel_for_is_told_and_replaced_where_that_is_allowed(index, car):
