@@ -107,6 +107,10 @@ class MavlinkRover:
     def power_up(self, now_ns: int) -> None:
         """Nothing: the car has a battery of its own, and a plug that is pulled takes the link alone."""
 
+    def begin(self, kind: RoverFaultKind) -> None:
+        """Let a fault that lasts begin now, and never end."""
+        self._faults = (*self._faults, RoverFault(kind, self._seconds))
+
     # ------------------------------------------------------------------------------------------------- motion
     def pass_time(self, now_ns: int) -> None:
         """Move the car up to now, in steps of its control loop, and send nothing: for the world around it."""

@@ -64,7 +64,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("run")(run.run)
+app.command("run", cls=run.WithGoals)(run.run)
 app.command("replay")(replay.replay)
 app.command("record")(record.record)
 app.command("align")(align.align)

@@ -7,14 +7,13 @@ the vehicle says against driving goes to the autopilot's safety stage, so that t
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.errors import DriverError
-from drivers.messages import LaserScan
+from drivers.messages import LaserScan, Odometry
 from drivers.vehicle import (
     STANDSTILL,
     ArmingRefusedError,
@@ -23,18 +22,17 @@ from drivers.vehicle import (
     VehicleState,
     WrongModeError,
 )
-from mapping import se2
 from mapping.mount import Mount
 from mapping.relocalisation import Located
 from planning.safety import SafeCommand, SafetyStage
+from tools.speed_watch import SpeedWatch
+from tools.vehicle_telling import VehicleTelling
 
 FloatArray = NDArray[np.float64]
 
 _ARM_EVERY_NS = 2_000_000_000
 _ARM_TRIES = 5  # a vehicle's filter takes some seconds to believe in the poses that it is told
 _NOT_READY_NS = 3_000_000_000  # so long, and it is for good: somebody else has the car
-_JUMP_M, _JUMP_RAD = 0.1, 0.05  # a correction of the place in one step that is none of driving
-_OLDEST_POSE_S = 0.5
 
 
 class Pilot(Protocol):
@@ -75,7 +73,6 @@ class CommandedDrive:
         self.state: VehicleState | None = None
         self._pilot, self._vehicle = pilot, vehicle
         self._period_ns = round(period_s * 1e9)
-        self._mount = mount or Mount()
         self._on_message = on_message
         self._safe = SafeCommand(STANDSTILL, "not started yet", stopped=True)
         self._next_ns: int | None = None
@@ -83,8 +80,8 @@ class CommandedDrive:
         self._arm_ns, self._arm_tries = 0, 0
         self._unready_ns: int | None = None
         self._cut = False
-        self._scan: LaserScan | None = None
-        self._told = PoseTold()
+        self._telling = VehicleTelling(vehicle, mount or Mount())
+        self._watch = SpeedWatch()
 
     @property
     def armed(self) -> bool:
@@ -93,7 +90,7 @@ class CommandedDrive:
 
     def note_scan(self, scan: LaserScan) -> None:
         """Take a scan for the vehicle to be told at the next step; may come from another thread."""
-        self._scan = scan
+        self._telling.note_scan(scan)
 
     def step(self, now_ns: int) -> SafeCommand:
         """Hear the vehicle, ask the pilot if it is time, send its command; return what was commanded last."""
@@ -102,12 +99,20 @@ class CommandedDrive:
             return self._safe
         late = self._next_ns is None or now_ns - self._next_ns >= self._period_ns
         self._next_ns = now_ns + self._period_ns if late else (self._next_ns or 0) + self._period_ns
-        self._attempt(lambda: self._tell(now_ns))
+        self._attempt(lambda: self._telling.tell(self._pilot.place, now_ns))
         if not self._armed:
             self._arm(now_ns)
         self._safe = safe = self._pilot.tick(now_ns * 1e-9)
         self._attempt(lambda: self._send(safe))
+        self._judge(now_ns, safe)
         return safe
+
+    def _judge(self, now_ns: int, safe: SafeCommand) -> None:
+        """End the drive where the car does not do what it is told, but where somebody else drives it."""
+        amiss = self._watch.tell(now_ns * 1e-9, safe.command.speed_mps) if self._armed else ""
+        ours = self._pilot.safety.emergency or (self.state is not None and self.state.ready)
+        if amiss and ours:
+            self._fail(amiss)
 
     def _attempt(self, exchange: Callable[[], None]) -> None:
         """Exchange something with the vehicle; what the link raises ends the drive, and the car is told to stand."""
@@ -130,6 +135,8 @@ class CommandedDrive:
         for message in self._vehicle.poll():
             if isinstance(message, VehicleState):
                 self.state = message
+            elif isinstance(message, Odometry):
+                self._watch.report(now_ns * 1e-9, float(message.twist[0]))
             self._on_message(message)
         if not self._armed or self.fault:
             return
@@ -171,42 +178,3 @@ class CommandedDrive:
         elif not self._cut:
             self._vehicle.emergency_stop()
             self._cut = True
-
-    def _tell(self, now_ns: int) -> None:
-        """Tell the vehicle where it is and what stands around it."""
-        if self._pilot.place is not None and self._told.is_new(self._pilot.place):
-            pose, twist, jumped = self._told.take(self._pilot.place, now_ns)
-            self._vehicle.tell_pose(now_ns, pose, twist, jumped=jumped)
-        scan, self._scan = self._scan, None
-        if scan is not None:
-            if self._mount.inverted:
-                scan = replace(scan, angles_rad=-scan.angles_rad)
-            self._vehicle.tell_scan(scan, self._mount.pose)
-
-
-class PoseTold:
-    """Poses and twists for the vehicle out of the places on the map, and whether the place was corrected in between."""
-
-    def __init__(self) -> None:
-        self._last: Located | None = None
-        self._twist = np.zeros(3)
-
-    def is_new(self, place: Located) -> bool:
-        """Whether this place was not told yet."""
-        return self._last is None or place.stamp_ns > self._last.stamp_ns
-
-    def take(self, place: Located, now_ns: int) -> tuple[FloatArray, FloatArray, bool]:
-        """Return the pose (3,) of now by the twist (3,) in base_link, and whether it jumped since the last place."""
-        last, self._last = self._last, place
-        jumped = False
-        if last is not None:
-            driven = se2.between(_in_odom(last), _in_odom(place))
-            self._twist = driven / ((place.stamp_ns - last.stamp_ns) * 1e-9)
-            off = se2.between(se2.compose(last.T_map_base, driven), place.T_map_base)
-            jumped = bool(np.hypot(off[0], off[1]) > _JUMP_M or abs(off[2]) > _JUMP_RAD)
-        age_s = min(max((now_ns - place.stamp_ns) * 1e-9, 0.0), _OLDEST_POSE_S)
-        return se2.compose(place.T_map_base, self._twist * age_s), self._twist, jumped
-
-
-def _in_odom(place: Located) -> FloatArray:
-    return se2.between(place.T_map_odom, place.T_map_base)

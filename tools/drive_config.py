@@ -77,6 +77,10 @@ class DriveSection(Section):
     pause_s: float = Field(0.6, ge=0, le=60, description="standing before a new plan, to see what is in the way")
     obstacle_range_m: float = Field(4.0, gt=0, le=50, description="what is new on the map of today is not farther away")
 
+    patience_s: float = Field(
+        60.0, gt=0, le=86400, description="the run ends where the car does not know its place for so long"
+    )
+
     @model_validator(mode="after")
     def _can_be_driven(self) -> Self:
         if any(not 0.0 <= margin_m <= 10.0 for margin_m in self.margins_m):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -17,11 +18,11 @@ FloatArray = NDArray[np.float64]
 Pose = tuple[float, float, float]
 
 
-def check_goals(grid: OccupancyGrid, config: Config, goals: Sequence[Pose], start: Pose | None) -> None:
+def check_goals(grid: OccupancyGrid | None, config: Config, goals: Sequence[Pose], start: Pose | None) -> None:
     """Raise a ToolError of one line for the first goal that cannot be driven to, with the nearest pose that could.
 
-    start: where about the car stands, None where that is not known. UsageError for what is no pose, and for a car that
-    cannot steer as tightly as plans are made.
+    grid None: there is no map yet that could say so. start: where about the car stands, None where that is not known.
+    UsageError for what is no pose, and for a car that cannot steer as tightly as plans are made.
     """
     from planning.costmap import UnknownSpace, costmap
     from planning.ends import check_ends
@@ -30,6 +31,8 @@ def check_goals(grid: OccupancyGrid, config: Config, goals: Sequence[Pose], star
         if pose is not None and not all(math.isfinite(value) for value in pose):
             raise UsageError(f"{option} {_words(pose)}: expected finite x and y in m and yaw in rad")
     _check_steering(config)
+    if grid is None:
+        return
     planning = config.planning
     vehicle = replace(planning.vehicle(), margin_m=min(config.drive.margins_m))
     known = costmap(grid, vehicle, UnknownSpace(planning.unknown))
@@ -40,7 +43,7 @@ def check_goals(grid: OccupancyGrid, config: Config, goals: Sequence[Pose], star
         tolerance = planning.plan_settings().tolerance
         ends = check_ends(known, np.array(before or goal), np.array(goal), tolerance)
         if ends.error is not None:
-            reason = ends.reason.removeprefix("start ").removeprefix("goal ")
+            reason = re.sub(r"^(start|goal) \([^)]*\) ", "", ends.reason)
             if number and before and "no way" in reason:
                 reason = f"no way from goal {number} is wide enough for the car, or was seen free"
             advice = "" if ends.advice is None else f"; the nearest pose that would do: --goal {_exact(ends.advice)}"

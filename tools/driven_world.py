@@ -10,8 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.rover_dynamics import RoverDynamics, RoverModel, RoverState
-from drivers.vehicle import STANDSTILL, DriveCommand
+from drivers.rover_dynamics import RoverState
 from mapping import se2
 from mapping.mount import Mount
 from tools.world import World
@@ -36,30 +35,6 @@ class Moving(Protocol):
     def pass_time(self, now_ns: int) -> None:
         """Drive up to an instant, if it is not there yet."""
         ...
-
-
-class CommandedCar:
-    """A car at `pose` (3,), standing, at start_ns, that is given its commands without a link."""
-
-    def __init__(self, pose: FloatArray, *, start_ns: int, model: RoverModel | None = None) -> None:
-        self._dynamics = RoverDynamics(pose, model)
-        self._command = STANDSTILL
-        self._now_ns = start_ns
-
-    @property
-    def state(self) -> RoverState:
-        """The present state."""
-        return self._dynamics.state
-
-    def command(self, command: DriveCommand) -> None:
-        """Give it a command, at the instant up to which it has driven."""
-        self._command = command
-
-    def pass_time(self, now_ns: int) -> None:
-        """Drive up to an instant."""
-        if now_ns > self._now_ns:
-            self._dynamics.step((now_ns - self._now_ns) * 1e-9, self._command)
-            self._now_ns = now_ns
 
 
 class DrivenWorld:

@@ -15,12 +15,13 @@ from drivers.messages import Recordable
 from drivers.recording_writer import McapRecorder, RecordingReport
 from drivers.rplidar_decoder import load_compiled
 from mapping.graph_state import GraphState
+from mapping.grid import OccupancyGrid
 from mapping.mount import Mount
 from mapping.slam import MappedScan
 from tools.clock import RunClock
 from tools.config import Config, ConfigError
 from tools.depth_flow import DepthFlow, scan_mount
-from tools.live_run import LiveOutcome, Put, record_live, run_live
+from tools.live_run import QUEUE_FRESH, QUEUE_SCANS, LiveOutcome, Put, record_live, run_live
 from tools.live_sensors import LiveSensors, started_sensors
 from tools.pipeline import (
     CAMERA_FRAME,
@@ -81,12 +82,12 @@ def run_session(
         folder = new_folder()
         depth = _depth_flow(sensors, config)
         mount = _scanner_mount(sensors, config)
-        live = record and config.grid.live_s > 0
+        live = (record and config.grid.live_s > 0) or any(part.needs_map for part in parts)
         flow = MappingFlow(config, mount, background=background, resume=resume, live=live, depth=depth)
         recorder = _start_recording(folder / RECORDING_NAME, config, clock, sensors) if record else None
         put: Put = _discard if recorder is None else recorder.put
         try:
-            with going_along(parts, LiveSession(clock, mount, put, stop)):
+            with going_along(parts, LiveSession(clock, mount, put, stop, _grid_now(flow))):
                 outcome = run_live(
                     sensors.lidar,
                     flow,
@@ -95,6 +96,7 @@ def run_session(
                     on_mapped=_OnMapped(flow, parts, put, config.grid.live_s),
                     release=sensors.close,
                     camera=sensors.camera,
+                    queue_scans=QUEUE_FRESH if any(part.hurries for part in parts) else QUEUE_SCANS,
                 )
             if len(flow.mapper.trajectory):
                 put(grid_snapshot(flow.maps()["map"], int(flow.mapper.trajectory.stamps_ns[-1])))
@@ -165,6 +167,10 @@ def _start_recording(path: Path, config: Config, clock: RunClock, sensors: LiveS
     return recorder
 
 
+def _grid_now(flow: MappingFlow) -> Callable[[], OccupancyGrid] | None:
+    return None if flow.mapper.live_grid is None else flow.mapper.live_grid.grid
+
+
 def _discard(_message: Recordable) -> None:
     """Stand in for a recorder where none is wanted."""
 
@@ -188,6 +194,7 @@ class _OnMapped:
         self._flow = flow
         self._parts = parts
         self._put = put
+        self._tells = not any(part.tells for part in parts)
         self._live_ns = round(live_s * 1e9)
         self._drawn_ns: int | None = None
         self._shown = self._begun = time.monotonic()
@@ -197,7 +204,7 @@ class _OnMapped:
             part.add(mapped)
         self._record_map(mapped.stamp_ns)
         now = time.monotonic()
-        if now - self._shown < _PROGRESS_S:
+        if not self._tells or now - self._shown < _PROGRESS_S:
             return
         self._shown = now
         x, y, _ = mapped.pose
@@ -206,7 +213,7 @@ class _OnMapped:
     def _record_map(self, stamp_ns: int) -> None:
         """Record the map as it is now, if the last time is long enough ago."""
         live = self._flow.mapper.live_grid
-        if live is None:
+        if live is None or self._live_ns == 0:
             return
         if self._drawn_ns is None:
             self._drawn_ns = stamp_ns
@@ -243,9 +250,13 @@ def _session_details(sensors: LiveSensors, outcome: LiveOutcome, recorded: Recor
 
 
 def session_is_whole(report: Report) -> bool:
-    """Whether no scan was dropped, no camera lost, and nothing is missing from the recording, if one was asked for."""
+    """Whether no scan was dropped, no camera lost, and nothing is missing from the recording, if one was asked for.
+
+    A car that drives leaves out scans on purpose, rather than look at old ones.
+    """
     recording = report.get("recording") or {"error": None, "dropped": {}}
-    return not (report["dropped_scans"] or report["camera_fault"] or recording["error"] or recording["dropped"])
+    dropped = 0 if "drive" in report else report["dropped_scans"]
+    return not (dropped or report["camera_fault"] or recording["error"] or recording["dropped"])
 
 
 def _log_end(report: Report, folder: Path) -> None:

@@ -101,6 +101,10 @@ class Localisation:
 class FoundOnMap:
     """A part of a live session (tools/session_parts.py): the car is looked for on a saved map and followed there."""
 
+    tells = False
+    hurries = False
+    needs_map = False
+
     def __init__(self, map_file: Path) -> None:
         self._file = map_file
         self._localisation: Localisation | None = None

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 PlanPath = Callable[[Costmap, FloatArray, FloatArray], PlanResult]
 """(Costmap, start (3,), goal (3,)) to a plan."""
 
-_USUAL = PlanSettings()
+_USUAL = PlanSettings(time_limit_s=5.0)
 _LOOK_S = 0.05  # between two looks at a planning process that is starting
 _JOIN_S = 5.0
 _VAIN = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +20,13 @@ Result = TypeVar("Result")
 
 _STATUS = Path("/proc/self/status")
 _CLEAR_PEAK = Path("/proc/self/clear_refs")
+
+
+def own_command(arguments: Sequence[str]) -> list[str]:
+    """Return what starts this program with arguments, also where the current folder has a package `tools` too."""
+    home = str(Path(__file__).resolve().parent.parent)
+    entry = f"import sys; sys.path.insert(0, {home!r}); from tools.cli import main; main()"
+    return [sys.executable, "-c", entry, *arguments]
 
 
 def in_own_process(work: Callable[..., Result], *arguments: object) -> Result:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from drivers.messages import Recordable
+from mapping.grid import OccupancyGrid
 from mapping.mount import Mount
 from mapping.slam import MappedScan
 from tools.clock import RunClock
@@ -22,17 +23,27 @@ from tools.clock import RunClock
 class LiveSession:
     """What a part is told when the sensors are started.
 
-    mount: where the scans are taken from, on the car. put: records a message. stop: ends the session.
+    mount: where the scans are taken from, on the car. put: records a message. stop: ends the session. grid_now: returns
+    the map with all scans so far, in the thread that maps; only where a part needs it (SessionPart.needs_map).
     """
 
     clock: RunClock
     mount: Mount
     put: Callable[[Recordable], None]
     stop: threading.Event
+    grid_now: Callable[[], OccupancyGrid] | None = None
 
 
 class SessionPart(Protocol):
-    """What goes along. Its calls come in the thread that maps, but note's."""
+    """What goes along. Its calls come in the thread that maps, but note's.
+
+    tells: it says in the log how things stand, so that the session need not. needs_map: it wants the map at any time.
+    hurries: old scans are of no use to it; where mapping is too slow for all, some are left out.
+    """
+
+    tells: bool
+    needs_map: bool
+    hurries: bool
 
     def begin(self, session: LiveSession) -> None:
         """The sensors are started."""

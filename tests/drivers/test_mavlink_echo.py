@@ -52,3 +52,13 @@ def test_the_vehicles_own_questions_and_answers_to_others_are_no_answers() -> No
     echo.hear(answer(0, tc1=0))
     echo.hear(answer(5 * MS))
     assert echo.unanswered_s(500 * MS) == 0.0
+
+
+def test_after_a_long_silence_it_is_known_how_long_it_was_and_an_answer_ends_it() -> None:
+    echo = asked(0)
+    echo.hear(answer(0))
+    for time_ms in range(100, 60_100, 100):
+        echo.question(time_ms * MS)
+    assert echo.unanswered_s(60_100 * MS) == pytest.approx(60.0)
+    echo.hear(answer(60_000 * MS))
+    assert echo.unanswered_s(60_100 * MS) == 0.0

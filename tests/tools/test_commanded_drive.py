@@ -16,7 +16,7 @@ from mapping import se2
 from mapping.mount import Mount
 from mapping.relocalisation import Located
 from planning.safety import SafetyStage, Stamps
-from tools.commanded_drive import CommandedDrive, PoseTold
+from tools.commanded_drive import CommandedDrive
 
 AHEAD = DriveCommand(0.4, 0.5)
 BRAKES_S = 0.1 + 0.4 / 1.5 + 0.02
@@ -198,16 +198,28 @@ def test_a_laser_that_hangs_upside_down_is_mirrored_for_the_vehicle():
         assert rover.last["OBSTACLE_DISTANCE"].distances[18] == 100
 
 
-def test_poses_are_told_as_of_now_and_jumps_apart_from_driving():
-    told, way = PoseTold(), np.array([0.05, 0.0, 0.05])
-    first, second = located(0), located(100_000_000, way)
-    assert told.is_new(first)
-    told.take(first, 0)
-    assert not told.is_new(first)
-    pose, twist, jumped = told.take(second, 200_000_000)
-    np.testing.assert_allclose(twist, [0.5, 0.0, 0.5])
-    np.testing.assert_allclose(pose, se2.compose(way, way), atol=1e-3)
-    assert not jumped
-    _, twist, jumped = told.take(located(200_000_000, se2.compose(way, way), (0.2, 0.0, 0.0)), 200_000_000)
-    np.testing.assert_allclose(twist, [0.5, 0.0, 0.5], atol=1e-9)
-    assert jumped
+def test_a_car_that_does_not_follow_is_stopped_for_good():
+    """Its wheels turn, it says so, and it answers all: but it is not what it was told."""
+    clock, pilot = SimulatedClock(5_000_000_000), StraightOn()
+    stuck = RoverDynamics(np.zeros(3), fits=lambda _: False)  # a wall that no scan shows
+    rover = MavlinkRover(stuck)
+    with MavlinkVehicle("rover", lambda: EmulatedLink(rover, clock, 115200, 115200), clock) as vehicle:
+        pilot.place = located(clock())
+        drive = CommandedDrive(pilot, vehicle)
+        for _ in range(60):
+            drive.step(clock())
+            clock.sleep(0.05)
+    assert "does not follow: told 0.40 m/s" in drive.fault
+    assert not rover.autopilot.armed
+
+
+def test_a_car_that_drives_on_after_an_emergency_stop_is_told_of():
+    bench = Bench("deaf@4")
+    with bench.vehicle:
+        bench.pilot.place = located(bench.clock())
+        while bench.clock() < 9_000_000_000:
+            bench.run(0.05)
+        bench.pilot.safety.emergency_stop("pressed")
+        bench.run(2.0)
+        assert "does not follow: told 0.00 m/s" in bench.drive.fault
+        assert bench.safe.reason == "emergency stop: pressed"

@@ -8,13 +8,33 @@ import pytest
 from drivers.mavlink_constants import RoverMode
 from drivers.mavlink_rover import MavlinkRover
 from drivers.rover_dynamics import RoverDynamics, RoverModel
-from drivers.vehicle import DriveCommand
+from drivers.vehicle import STANDSTILL, DriveCommand
 from mapping.mount import Mount
-from tools.driven_world import CommandedCar, DrivenWorld
+from tools.driven_world import DrivenWorld
 from tools.world import World
 
 LASER_X_M = 0.1
 EXACT = RoverModel(latency_s=0.0, acceleration_mps2=1000.0)
+
+
+class CommandedCar:
+    """A car that is given its commands without a link."""
+
+    def __init__(self, pose, *, start_ns, model=None):
+        self._dynamics, self._command, self._now_ns = RoverDynamics(pose, model), STANDSTILL, start_ns
+
+    @property
+    def state(self):
+        return self._dynamics.state
+
+    def command(self, command):
+        """Give it a command, at the instant up to which it has driven."""
+        self._command = command
+
+    def pass_time(self, now_ns):
+        if now_ns > self._now_ns:
+            self._dynamics.step((now_ns - self._now_ns) * 1e-9, self._command)
+            self._now_ns = now_ns
 
 
 @pytest.fixture

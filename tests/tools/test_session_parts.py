@@ -12,6 +12,10 @@ from tools.session_parts import LiveSession, going_along
 
 
 class Part:
+    tells = False
+    hurries = False
+    needs_map = False
+
     def __init__(self, name, told, failing=False):
         self.name, self.told, self.failing = name, told, failing
 
