@@ -33,6 +33,10 @@ class ServiceNotice(SessionPart):
     not. status: how it stands, in one line; without it scans and pose are told. clock: seconds, monotonic.
     """
 
+    tells = False
+    needs_map = False
+    hurries = False
+
     def __init__(
         self,
         address: str,

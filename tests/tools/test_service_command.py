@@ -40,3 +40,12 @@ def test_what_run_would_refuse_is_refused_here(cli, arguments, line):
     assert ended.code == 2
     assert line in ended.error_lines[0]
     assert ended.out == ""
+
+
+def test_a_run_that_drives_is_not_started_again_and_a_qcars_guard_outlives_it(cli):
+    driving = ("--lidar", "/dev/lidar", "--goal", "1", "-2", "0.5", "--goal", "3", "0", "0", "--vehicle", "qcar")
+    unit = settings(cli("service", *driving).out)
+    assert unit["ExecStart"].endswith(" run " + " ".join(driving))
+    assert (unit["Restart"], unit["KillMode"]) == ("no", "process")
+    mapping = settings(cli("service", "--lidar", "/dev/lidar", "--vehicle", "udp:127.0.0.1:14550").out)
+    assert (mapping["Restart"], mapping["KillMode"]) == ("on-failure", "mixed")

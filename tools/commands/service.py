@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from tools.commands.options import load_config, require_sensor
-from tools.commands.run import run
+from tools.commands.run import WithGoals, run
 from tools.errors import UsageError
 
 _BEYOND_REGAIN_S = 10
@@ -72,7 +72,7 @@ def service(
 def run_options(words: Sequence[str]) -> dict[str, Any]:
     """Return the options of `run` that the words say; raises the parser's errors, and UsageError without a sensor."""
     parser = typer.Typer(add_completion=False)
-    parser.command()(run)
+    parser.command(cls=WithGoals)(run)
     given = typer.main.get_command(parser).make_context("mapfuse-robot run", list(words)).params
     require_sensor(given.get("lidar"), given.get("depth"))
     return given
