@@ -45,7 +45,9 @@ from tools.commands import (
     record,
     replay,
     run,
+    service,
     udev_rule,
+    wheels,
 )
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
@@ -72,7 +74,9 @@ app.command("pairs")(pairs.pairs)
 app.command("learn")(learn.learn)
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
+app.command("service", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(service.service)
 app.command("udev-rule")(udev_rule.udev_rule)
+app.command("wheels")(wheels.wheels)
 app.add_typer(bench.app, name="bench")
 bench.app.command("depth")(bench_depth.depth)
 bench.app.command("slam")(bench_slam.slam)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from typing import Annotated, Any
 
 import typer
@@ -93,6 +94,7 @@ def run(
     from tools.live_journey import JourneyWanted, journey, without_wheels
     from tools.result_folder import MAPPED, check_result_folder, new_results
     from tools.results import is_placed
+    from tools.service_notice import service_notices
     from tools.signals import stop_on_signals
 
     require_sensor(lidar, depth)
@@ -114,7 +116,7 @@ def run(
             stop,
             record=record,
             resume=earlier,
-            parts=way.parts,
+            parts=[*way.parts, *service_notices(os.environ)],
             clock=clock,
         )
     if as_json:
