@@ -10,7 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.wall_map import FAR_M, UNKNOWN, WALL, Distances, States, WallMap
+from mapping.wall_faces import WallFaces, facing_layer
+from mapping.wall_map import FAR_M, FREE, WALL, Distances, States, WallMap
 
 FloatArray = NDArray[np.float64]
 
@@ -40,8 +41,9 @@ class Fit:
 class Evidence:
     """What points seen along a drive say about a pose, as numbers of points.
 
-    hits lie on walls, astray in free space, far from any wall; near are between; unknown lie where the map knows
-    nothing; through (of any of these) were seen by a ray that crossed a wall of the map.
+    hits lie on walls that face as they do, astray in free space, far from any wall; near are between; unknown lie where
+    the map knows nothing, or has the other face of a wall alone; through (of any of these) were seen by a ray that
+    crossed a wall of the map.
     """
 
     points: int
@@ -68,8 +70,9 @@ class Evidence:
 
 
 def refine(
-    walls: WallMap,
+    faces: WallFaces,
     points: FloatArray,
+    facings_rad: FloatArray,
     pose: FloatArray,
     *,
     scales_m: tuple[float, ...] = (0.4, 0.3, 0.25, 0.2, 0.16, 0.13, 0.1, 0.1, 0.1, 0.1, 0.1),
@@ -77,13 +80,16 @@ def refine(
 ) -> Fit:
     """Return the pose in the grid's frame near `pose` (3,) at which the points (N, 2) lie best on walls.
 
-    Gauss-Newton on the interpolated distance field with Geman-McClure weights of falling scale; prior (3, 3): the
-    information with which `pose` itself holds.
+    facings_rad (N,): where the surface that a point lies on faces, in the points' frame (surface.facings_of): only
+    walls that can be seen so count for it. Gauss-Newton on the interpolated distance field with Geman-McClure weights
+    of falling scale; prior (3, 3): the information with which `pose` itself holds.
     """
     held = np.zeros((3, 3)) if prior is None else prior
     scales = np.array(scales_m, dtype=np.float64)
     start = np.array(pose, dtype=np.float64)
-    found, matrix, hits = _gauss_newton(walls.distances, walls.resolution_m, points, start, scales, held)
+    facings = np.ascontiguousarray(facings_rad, dtype=np.float64)
+    resolution_m = faces.walls.resolution_m
+    found, matrix, hits = _gauss_newton(faces.distances, resolution_m, points, facings, start, scales, held)
     found[2] = se2.wrap_angle(found[2])
     return Fit(found, matrix, hits / max(len(points), 1), len(points))
 
@@ -94,7 +100,8 @@ def refine_each(walls: WallMap, points: FloatArray, poses: FloatArray, scales_m:
     The points (N, 2) should lie about the origin of their frame: a step turns about it.
     """
     scales = np.array(scales_m, dtype=np.float64)
-    return _refine_each(walls.distances, walls.resolution_m, points, np.ascontiguousarray(poses), scales)
+    field = walls.distances[np.newaxis]  # of all walls, whatever they face
+    return _refine_each(field, walls.resolution_m, points, np.ascontiguousarray(poses), scales)
 
 
 def structure(fit: Fit) -> float:
@@ -127,11 +134,18 @@ def _spread(fit: Fit) -> tuple[float, float]:
     return float(values[0]), float(values.sum())
 
 
-def judge(walls: WallMap, points: FloatArray, origins: FloatArray, pose: FloatArray) -> Evidence:
-    """Count what speaks for and against a pose (3,) in the grid's frame: points (N, 2) seen from origins (N, 2)."""
+def judge(
+    faces: WallFaces, points: FloatArray, facings_rad: FloatArray, origins: FloatArray, pose: FloatArray
+) -> Evidence:
+    """Count what speaks for and against a pose (3,) in the grid's frame: points (N, 2) seen from origins (N, 2).
+
+    facings_rad (N,): see `refine`.
+    """
+    walls = faces.walls
     ends = se2.transform_points(pose, points) / walls.resolution_m
     starts = se2.transform_points(pose, origins) / walls.resolution_m
-    counts = _count(walls.distances, walls.states, walls.resolution_m, starts, ends)
+    fields = (faces.distances, walls.distances, walls.states)
+    counts = _count(fields, walls.resolution_m, starts, ends, facings_rad + pose[2])
     return Evidence(len(points), *counts.tolist())
 
 
@@ -170,17 +184,21 @@ def _gauss_newton(
     distances: Distances,
     resolution_m: float,
     points: FloatArray,
+    facings: FloatArray,
     start: FloatArray,
     scales_m: FloatArray,
     held: FloatArray,
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Return the pose (3,), its information (3, 3) and the number of points on walls, after a step at each scale."""
+    """Return the pose (3,), its information (3, 3) and the number of points on walls, after a step at each scale.
+
+    distances (K, rows, cols): one layer a facing, or a single one for all.
+    """
     found = start.copy()
     weight = 1.0 / (_DEPENDENT * _RANGE_M**2)
     matrix, gradient = np.zeros((3, 3)), np.zeros(3)
     for scale_m in scales_m:
         matrix[:], gradient[:] = 0.0, 0.0
-        _accumulate(distances, resolution_m, points, found, scale_m, matrix, gradient)
+        _accumulate(distances, resolution_m, points, facings, found, scale_m, matrix, gradient)
         away = found - start
         away[2] = (away[2] + math.pi) % (2.0 * math.pi) - math.pi
         damped = weight * matrix + held
@@ -191,7 +209,7 @@ def _gauss_newton(
         moved, turned = max(math.hypot(step[0], step[1]), 1e-12), max(abs(step[2]), 1e-12)
         found -= min(1.0, _STEP_M / moved, _STEP_RAD / turned) * step
     matrix[:], gradient[:] = 0.0, 0.0
-    hits = _accumulate(distances, resolution_m, points, found, scales_m[-1], matrix, gradient)
+    hits = _accumulate(distances, resolution_m, points, facings, found, scales_m[-1], matrix, gradient)
     return found, weight * matrix + held, hits
 
 
@@ -200,6 +218,7 @@ def _accumulate(
     distances: Distances,
     resolution_m: float,
     points: FloatArray,
+    facings: FloatArray,
     pose: FloatArray,
     scale_m: float,
     matrix: FloatArray,
@@ -210,7 +229,8 @@ def _accumulate(
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     for n in range(points.shape[0]):
         rx, ry = cos * points[n, 0] - sin * points[n, 1], sin * points[n, 0] + cos * points[n, 1]
-        d, gx, gy = distance_at(distances, (pose[0] + rx) / resolution_m, (pose[1] + ry) / resolution_m)
+        layer = facing_layer(facings[n] + pose[2]) if distances.shape[0] > 1 else 0
+        d, gx, gy = distance_at(distances[layer], (pose[0] + rx) / resolution_m, (pose[1] + ry) / resolution_m)
         if d >= 4.0 * scale_m:
             continue
         hits += d <= _HIT_M
@@ -229,28 +249,35 @@ def _refine_each(
     distances: Distances, resolution_m: float, points: FloatArray, poses: FloatArray, scales_m: FloatArray
 ) -> FloatArray:
     refined = np.empty_like(poses)
-    held = np.zeros((3, 3))
+    held, facings = np.zeros((3, 3)), np.zeros(points.shape[0])
     for k in range(poses.shape[0]):
-        refined[k] = _gauss_newton(distances, resolution_m, points, poses[k], scales_m, held)[0]
+        refined[k] = _gauss_newton(distances, resolution_m, points, facings, poses[k], scales_m, held)[0]
     return refined
 
 
 @njit(cache=True, nogil=True)
 def _count(
-    distances: Distances, states: States, resolution_m: float, starts: FloatArray, ends: FloatArray
+    fields: tuple[Distances, Distances, States],
+    resolution_m: float,
+    starts: FloatArray,
+    ends: FloatArray,
+    facings: FloatArray,
 ) -> NDArray[np.int64]:
-    """Return the numbers of hits, near, astray, unknown and through; starts, ends (N, 2) in cells."""
+    """Return the numbers of hits, near, astray, unknown and through; starts, ends (N, 2) in cells, facings (N,) in rad.
+
+    fields: distances of each layer and to all walls, and states.
+    """
+    layers, distances, states = fields
     counts = np.zeros(5, np.int64)
     rows, cols = states.shape
     for n in range(ends.shape[0]):
         col, row = math.floor(ends[n, 0]), math.floor(ends[n, 1])
         inside = 0 <= col < cols and 0 <= row < rows
-        d = distances[row, col] if inside else FAR_M
-        if d <= _HIT_M:
+        if inside and layers[facing_layer(facings[n]), row, col] <= _HIT_M:
             counts[0] += 1
-        elif not inside or states[row, col] == UNKNOWN:
+        elif not inside or states[row, col] != FREE:
             counts[3] += 1
-        elif d > _AGAINST_M:
+        elif distances[row, col] > _AGAINST_M:
             counts[2] += 1
         else:
             counts[1] += 1

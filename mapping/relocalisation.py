@@ -152,7 +152,7 @@ class Relocaliser:
             self.reason = f"seen once, to be confirmed {self._settings.confirm_m:g} m on: {why}"
             return None
         new = seen.driven_m > found_before
-        fresh = judge(self._map.walls, seen.points[new], seen.origins[new], best.fit.pose)
+        fresh = judge(self._map.faces, seen.points[new], seen.facings_rad[new], seen.origins[new], best.fit.pose)
         if fresh.known < self._settings.min_new or not self._fits(fresh):
             self.reason = f"what was seen since does not confirm it: {_in_words(fresh)}"
             return None
@@ -227,12 +227,13 @@ def find_places(reference: ReferenceMap, seen: Sighting, settings: Relocalisatio
         apart_rad=_APART_RAD,
         where=reference.standing,
     )
-    chosen = _every_nth(seen.points, _REFINE_POINTS)
+    chosen, facings_rad = _every_nth(seen.points, _REFINE_POINTS), _every_nth(seen.facings_rad, _REFINE_POINTS)
     places: list[Place] = []
     for peak in peaks:
-        fit = refine(reference.walls, chosen, peak.pose)
+        fit = refine(reference.faces, chosen, facings_rad, peak.pose)
         if not any(_is_same(fit.pose, place.fit.pose) for place in places):
-            places.append(Place(fit, judge(reference.walls, seen.points, seen.origins, fit.pose)))
+            evidence = judge(reference.faces, seen.points, seen.facings_rad, seen.origins, fit.pose)
+            places.append(Place(fit, evidence))
     return sorted(places, key=lambda place: -place.support)
 
 
@@ -241,7 +242,7 @@ def _is_same(a: FloatArray, b: FloatArray) -> bool:
 
 
 def _every_nth(points: FloatArray, most: int) -> FloatArray:
-    """Return at most so many of the points, evenly picked."""
+    """Return at most so many of the points (N, ...), evenly picked."""
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points) - 1, most).astype(np.int64)]
