@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.map_matching import Evidence, judge, refine
+from mapping.map_matching import refine
+from mapping.place_evidence import Evidence, judge
 from mapping.reference_map import ReferenceMap
 from mapping.relocalisation import Located, RelocalisationSettings, Relocaliser
 from mapping.surface import facings_of

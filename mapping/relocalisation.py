@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.global_search import MOST_POINTS_EVERYWHERE, search_everywhere
 from mapping.local_cloud import LocalCloud, Sighting
-from mapping.map_matching import Evidence, Fit, covariance_of, judge, refine, structure
+from mapping.map_matching import Fit, covariance_of, refine, structure
+from mapping.place_evidence import Evidence, judge
 from mapping.reference_map import ReferenceMap
 
 FloatArray = NDArray[np.float64]

@@ -5,7 +5,7 @@ import pytest
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from mapping.map_matching import covariance_of, judge, refine, structure
+from mapping.map_matching import covariance_of, refine, structure
 from mapping.wall_faces import WallFaces, wall_faces
 from mapping.wall_map import FAR_M, FREE, UNKNOWN, WALL, wall_map
 
@@ -62,34 +62,6 @@ def test_refinement_reaches_the_pose_below_a_cell(off):
     assert fit.hits == 1.0
 
 
-def test_evidence_counts_what_points_say():
-    reference = faces_of(box())
-    start = np.array([2.5, 2.0])
-    ends = np.array([[0.525, 2.0], [2.5, 0.525], [3.2, 2.0], [0.1, 2.0], [4.3, 2.0]])
-    evidence = judge(reference, ends, towards(start, ends), np.tile(start, (len(ends), 1)), np.zeros(3))
-    assert (evidence.points, evidence.hits, evidence.astray, evidence.unknown) == (5, 2, 1, 1)
-    assert evidence.near == 1
-    assert evidence.known == 4
-    assert evidence.hit_share == 0.5
-
-
-def test_a_ray_through_a_wall_speaks_against_the_pose():
-    cells = np.full((60, 100), -3.0, np.float32)
-    cells[:, 40] = 3.0
-    reference = faces_of(OccupancyGrid(cells, CELL_M, np.zeros(3)))
-    rays = np.array([[4.0, 1.5], [2.0, 1.5]])
-    starts = np.array([[0.5, 1.5], [0.5, 1.5]])
-    assert judge(reference, rays, np.full(2, np.pi), starts, np.zeros(3)).through == 1
-
-
-def test_a_ray_along_a_wall_does_not_count_as_through_it():
-    cells = np.full((60, 100), -3.0, np.float32)
-    cells[30, :] = 3.0
-    reference = faces_of(OccupancyGrid(cells, CELL_M, np.zeros(3)))
-    ray, start = np.array([[4.5, 1.58]]), np.array([[0.5, 1.45]])
-    assert judge(reference, ray, np.full(1, np.pi), start, np.zeros(3)).through == 0
-
-
 def test_a_corridor_leaves_its_direction_open():
     cells = np.full((60, 400), -3.0, np.float32)
     cells[[10, 50]] = 3.0
@@ -115,16 +87,12 @@ def one_sided() -> OccupancyGrid:
     return OccupancyGrid(cells, CELL_M, np.zeros(3))
 
 
-def test_a_face_seen_from_the_other_side_neither_pulls_nor_counts():
+def test_a_face_seen_from_the_other_side_does_not_pull():
     faces, x = faces_of(one_sided()), np.arange(1.0, 4.0, 0.05)
     below = np.column_stack([x, np.full_like(x, 1.405)])  # the wall's lower face, 0.12 m thick
-    origins = np.tile([2.5, 0.5], (len(x), 1))
     lower, upper = np.full_like(x, -np.pi / 2.0), np.full_like(x, np.pi / 2.0)
     np.testing.assert_array_equal(refine(faces, below, lower, np.zeros(3)).pose, 0.0)
     assert refine(faces, below, upper, np.zeros(3)).pose[1] == pytest.approx(0.12, abs=0.01)
-    evidence = judge(faces, below, lower, origins, np.zeros(3))
-    assert (evidence.hits, evidence.unknown) == (0, len(x))
-    assert judge(faces, below, upper, np.tile([2.5, 2.5], (len(x), 1)), np.zeros(3)).hits == len(x)
 
 
 def test_which_way_a_surface_faces_turns_with_the_pose():
