@@ -88,7 +88,7 @@ class MapTracker:
         self._moved[:] = 0.0
         step = -(-len(points_body) // _MOST_POINTS) if len(points_body) else 1
         points = np.ascontiguousarray(points_body[::step], dtype=np.float64)
-        facings_rad = facings_of(points_body, self._sensor)[::step]
+        facings_rad = facings_of(points, self._sensor)
         origins = np.broadcast_to(self._sensor, points.shape).copy()
         trust = _trust(judge(self._map.faces, points, facings_rad, origins, self._pose))
         prior = np.asarray(np.linalg.inv(trust * self._covariance), dtype=np.float64)
