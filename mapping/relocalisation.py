@@ -36,10 +36,11 @@ class RelocalisationSettings:
     cloud_m: driving whose points are searched for, and short_cloud_m where those do not fit: what was seen may be bent,
     or not all be there any more. range_m: points farther away are left out. try_every_m, try_every_rad: driving between
     searches. least_score, least_share, places: see global_search. min_points: seen (about 0.1 m of wall each).
-    min_known: share of all points that lie where the map knows something. min_hits: share on walls. max_contradiction:
-    share in free space or seen through walls. max_rival: the second-best place's support at the most, as a share of the
-    best one's. min_structure: see map_matching.structure. confirm_m: so far apart are the searches that must agree,
-    within agree_m and agree_rad, and at least min_new points seen in between must fit as well. sure_*: enough at once.
+    min_known: share of all points that lie where the map knows something, least_known: and how many. min_hits: share on
+    walls. max_contradiction: share in free space or seen through walls. max_rival: the second-best place's support at
+    the most, as a share of the best one's. min_structure: see map_matching.structure. confirm_m: so far apart are the
+    searches that must agree, within agree_m and agree_rad, and at least min_new points seen in between must fit as
+    well. sure_*: enough at once.
     """
 
     cloud_m: float = 8.0
@@ -51,7 +52,8 @@ class RelocalisationSettings:
     least_share: float = 0.7
     places: int = 8
     min_points: int = 150
-    min_known: float = 0.6
+    min_known: float = 0.45
+    least_known: int = 90
     min_hits: float = 0.7
     max_contradiction: float = 0.2
     max_rival: float = 0.75
@@ -167,7 +169,7 @@ class Relocaliser:
         if not places:
             return f"no place on the map explains {rule.least_score:.0%} of what is seen"
         best = places[0].evidence
-        if best.known < max(rule.min_known * best.points, 1):
+        if best.known < max(rule.min_known * best.points, rule.least_known):
             return f"only {best.known} of {best.points} points lie where the map knows something"
         if not self._fits(best):
             return f"the best place does not fit: {_in_words(best)}"
