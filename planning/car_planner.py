@@ -1,7 +1,8 @@
 """The planner that a car uses: a first path along a route on the grid, and then the shortest that the budget allows.
 
-With no route left to follow RRT-Connect searches the whole map. What was found is shortened, and so is a path along the
-shortest route, which may lead closer to walls; the cheaper of the two is the result.
+Where routes cannot be followed, all that the car can reach is searched from both ends, and where that is too much,
+RRT-Connect searches the whole map. What was found is shortened, and so is a path along the shortest route, which may
+lead closer to walls; the cheaper of the two is the result.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planning.both_ends import Unreachable, search_from_both_ends
 from planning.costmap import Costmap
 from planning.edges import steering
 from planning.first_path import Deadline, first_path, shortest_way
@@ -21,7 +23,7 @@ from planning.pieces import Gears, Pieces, words_between
 
 FloatArray = NDArray[np.float64]
 
-_MOST_ROUTES, _MOST_BRIDGES = 16, 4
+_MOST_ROUTES, _MOST_BRIDGES = 4, 4
 _DETOUR_ROUTES = 2
 _TRIES = 200  # changes of a path in one iteration
 _STALE = 25  # iterations without gain, after which it is left at that
@@ -43,7 +45,9 @@ class CarPath:
     ended_by: EndedBy
 
 
-def find_car_path(costmap: Costmap, start: FloatArray, goal: FloatArray, seed: int, limits: Limits) -> CarPath | None:
+def find_car_path(
+    costmap: Costmap, start: FloatArray, goal: FloatArray, seed: int, limits: Limits
+) -> CarPath | Unreachable | None:
     """Plan between local poses (3,) that fit; None where no path was found in time.
 
     The search ends with limits.time_limit_s or when cancelled; shortening too, or after limits.iterations, or where
@@ -51,6 +55,11 @@ def find_car_path(costmap: Costmap, start: FloatArray, goal: FloatArray, seed: i
     """
     deadline, ends = Deadline(limits, limits.clock()), np.array([start, goal])
     found = first_path(costmap, ends, seed, deadline, routes=_MOST_ROUTES, bridges=_MOST_BRIDGES)
+    if found is None and not deadline.is_over():
+        searched = search_from_both_ends(costmap, ends, deadline)
+        if isinstance(searched, Unreachable):
+            return searched
+        found = searched
     if found is None and not deadline.is_over():
         anyhow = find_path(costmap, start, goal, OmplPlanner.rrt_connect, seed=seed, limits=deadline.rest())
         found = None if anyhow is None else words_between(anyhow.states, *steering(costmap.vehicle)[:2], 1.0, 0.0)

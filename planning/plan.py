@@ -9,6 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
+from planning.both_ends import Unreachable
 from planning.car_planner import CarPath, find_car_path
 from planning.costmap import Costmap
 from planning.ends import GoalTolerance, PlanError, check_ends
@@ -112,6 +113,10 @@ def plan(
     )
     first, last = costmap.local(np.array([ends.start, ends.goal]))
     found = _search(costmap, first, last, settings.planner, 0 if seed is None else seed, limits)
+    if isinstance(found, Unreachable):
+        reason = "the car cannot get from start to goal, whatever it does: a smaller turning radius or margin may help"
+        nearest = costmap.world(found.nearest)
+        return PlanResult(None, PlanError.no_valid_path, reason, advice=nearest, seconds=clock() - started_s)
     if found is None:
         return _without_path(settings, clock() - started_s, is_cancelled=cancelled())
     path = path_along(costmap.world(found.poses), found.gears)
@@ -129,7 +134,7 @@ def plan(
 
 def _search(
     costmap: Costmap, start: FloatArray, goal: FloatArray, planner: Planner, seed: int, limits: Limits
-) -> CarPath | Found | None:
+) -> CarPath | Found | Unreachable | None:
     """Search between local poses (3,)."""
     if planner is Planner.car:
         return find_car_path(costmap, start, goal, seed, limits)

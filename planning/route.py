@@ -95,6 +95,35 @@ def find_route(
 
 
 @njit(cache=True)
+def costs_to(price: Prices, goal: tuple[int, int]) -> Prices:
+    """Return what a route from each cell (rows, cols) to the goal costs, in widths of a cell (Dijkstra 1959, 8 steps).
+
+    inf where there is none. Steps between the corners of two forbidden cells are allowed: a bound, not a route.
+    """
+    rows, cols = price.shape
+    cost = np.full((rows, cols), np.inf, dtype=np.float32)
+    keys, cells, count = np.empty(4096, dtype=np.float32), np.empty(4096, dtype=np.int32), 0
+    cost[goal] = 0.0
+    keys, cells, count = push(keys, cells, count, 0.0, goal[0] * cols + goal[1])
+    while count:
+        key, cell = keys[0], cells[0]
+        count = pop(keys, cells, count)
+        row, col = cell // cols, cell % cols
+        if key > cost[row, col]:
+            continue
+        for step in range(8):
+            to_row, to_col = row + _STEPS[step, 0], col + _STEPS[step, 1]
+            if not (0 <= to_row < rows and 0 <= to_col < cols) or price[to_row, to_col] == np.inf:
+                continue
+            here = min(price[row, col], price[to_row, to_col])  # the goal's own cell may be forbidden
+            total = np.float32(key + _LENGTHS[step] * (here + price[to_row, to_col]) / 2.0)
+            if total < cost[to_row, to_col]:
+                cost[to_row, to_col] = total
+                keys, cells, count = push(keys, cells, count, total, to_row * cols + to_col)
+    return cost
+
+
+@njit(cache=True)
 def _metre(price: Prices, row: int, col: int, step: int) -> float:
     """Return what a cell's width costs on a step out of a cell; inf where it leads into or between forbidden cells."""
     there: float = price[row + _STEPS[step, 0], col + _STEPS[step, 1]]

@@ -152,6 +152,13 @@ def warm_up(clock: Clock) -> None:
             answers.to(NewMap(grid, vehicle, unknown), never)
             for request in requests:
                 answers.to(request, never)
+    cells = np.full((18, 60), 5.0, np.float32)  # a passage whose gaps no car gets through, so that all is searched
+    cells[3:15, 2:58] = -5.0
+    cells[7:15, 30] = cells[3:11, 34] = 5.0
+    answers = Answers(clock)
+    answers.to(NewMap(OccupancyGrid(cells, 0.05, np.zeros(3)), Vehicle(), UnknownSpace.forbidden), never)
+    brief = PlanSettings(iterations=3, time_limit_s=0.2)
+    answers.to(Order(np.array([0.8, 0.4, 0.0]), np.array([2.2, 0.5, 0.0]), brief, 1), never)
 
 
 class Answers:

@@ -1,4 +1,4 @@
-"""A small building to drive in: two rooms and a door."""
+"""A small building to drive in, two rooms and a door, and a passage that no car gets through."""
 
 from __future__ import annotations
 
@@ -22,3 +22,12 @@ def rooms() -> OccupancyGrid:
     cells[90:, 130:] = 0.0
     cells[20, 30] = 0.0  # a speck that no beam touched
     return OccupancyGrid(cells, 0.05, ORIGIN)
+
+
+@pytest.fixture(scope="session")
+def passage() -> OccupancyGrid:
+    """0.6 m wide, with two walls across it, 0.2 m apart: the rear axle can pass their gaps, the car's body cannot."""
+    cells = np.full((18, 60), 5.0, np.float32)
+    cells[3:15, 2:58] = -5.0
+    cells[7:15, 30] = cells[3:11, 34] = 5.0
+    return OccupancyGrid(cells, 0.05, np.zeros(3))
