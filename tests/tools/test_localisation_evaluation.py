@@ -41,5 +41,6 @@ def test_the_summary_tells_where_the_car_fits_from_elsewhere():
     assert [(each["from_m"], each["places"]) for each in report["fits"]["away"]] == [(0.0, 1), (0.5, 1)]
     assert report["elsewhere"]["error_m_max"] == 0.2
     assert "0.200 m" in table_of(report)[-1]
-    at_home = TrackedDrive(*np.ones((4, 1)), np.ones(1, np.bool_), 1.0)
+    one_place = np.ones(1)
+    at_home = TrackedDrive(one_place, one_place, one_place, one_place, np.ones(1, np.bool_), 1.0)
     assert "elsewhere" not in summary([at_home])
