@@ -33,6 +33,7 @@ from tools.commands import (
     evaluate_drives,
     evaluate_features,
     evaluate_lidar,
+    evaluate_localisation,
     evaluate_plans,
     evaluate_rates,
     evaluate_registration,
@@ -88,6 +89,7 @@ app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
 evaluate.app.command("camera")(evaluate_camera.camera)
 evaluate.app.command("drives")(evaluate_drives.drives)
+evaluate.app.command("localisation")(evaluate_localisation.localisation)
 evaluate.app.command("features")(evaluate_features.features)
 evaluate.app.command("lidar")(evaluate_lidar.lidar)
 evaluate.app.command("plans")(evaluate_plans.plans)
