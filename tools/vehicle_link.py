@@ -1,4 +1,7 @@
-"""The vehicle that the command line names: none, a QCar, or a MAVLink vehicle at an address."""
+"""The vehicle that the command line names: none, a QCar, or a MAVLink vehicle at an address.
+
+`qcar:PYTHON` names the interpreter that Quanser's API is installed for, where that is not ours.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +18,11 @@ def vehicle_at(text: str, clock: Callable[[], int]) -> Vehicle:
     """Return the vehicle, not yet connected; clock: returns ns, never steps back. Raises UsageError."""
     if text == NONE:
         return NullVehicle(clock)
-    if text == QCAR:
-        from drivers.qcar_vehicle import QcarVehicle
+    kind, _, python = text.partition(":")
+    if kind == QCAR:
+        from drivers.qcar_vehicle import QcarSettings, QcarVehicle
 
-        return QcarVehicle(clock)
+        return QcarVehicle(clock, settings=QcarSettings(python=python) if python else None)
     try:
         address = parse_address(text)
     except AddressError as error:

@@ -43,7 +43,20 @@ def test_what_run_would_refuse_is_refused_here(cli, arguments, line):
 
 
 def test_a_run_that_drives_is_not_started_again_and_a_qcars_guard_outlives_it(cli):
-    driving = ("--lidar", "/dev/lidar", "--goal", "1", "-2", "0.5", "--goal", "3", "0", "0", "--vehicle", "qcar")
+    driving = (
+        "--lidar",
+        "/dev/lidar",
+        "--goal",
+        "1",
+        "-2",
+        "0.5",
+        "--goal",
+        "3",
+        "0",
+        "0",
+        "--vehicle",
+        "qcar:/usr/bin/python3",
+    )
     unit = settings(cli("service", *driving).out)
     assert unit["ExecStart"].endswith(" run " + " ".join(driving))
     assert (unit["Restart"], unit["KillMode"]) == ("no", "process")

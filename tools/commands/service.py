@@ -60,7 +60,7 @@ def service(
         folder=(folder or Path.cwd()).resolve(),
         user=user or getpass.getuser(),
         restarts=not given.get("goal"),
-        own_guard=given.get("vehicle") == "qcar",
+        own_guard=str(given.get("vehicle")).partition(":")[0] == "qcar",
         stop_s=stop_timeout,
         watchdog_s=watchdog or math.ceil(config.lidar.regain_s) + _BEYOND_REGAIN_S,
     )
