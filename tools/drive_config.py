@@ -60,9 +60,9 @@ class DriveSection(Section):
     scan_age_s: float = Field(_SAFETY.scan_age_s, gt=0, le=5, description="or the last scan")
     command_age_s: float = Field(_SAFETY.command_age_s, gt=0, le=5, description="or what the follower wants")
     margins_m: tuple[float, ...] = Field(
-        (0.04, 0.02, 0.0),
+        (0.07, 0.04, 0.02, 0.0),
         min_length=1,
-        description="room to keep around the body: the first that leaves a path counts; a car strays by 3 cm",
+        description="room to keep around the body: the first that leaves a path counts",
     )
     lookahead_s: float = Field(
         _FOLLOWER.lookahead_s, gt=0, le=10, description="the car heads for where its path is so much later; see docs"
@@ -75,6 +75,8 @@ class DriveSection(Section):
     horizon_s: float = Field(_AHEAD.horizon_s, gt=0, le=10, description="of the look ahead with the exact outline")
     braking_mps2: float = Field(_AHEAD.deceleration_mps2, gt=0, le=100, description="that the look ahead reckons with")
     pause_s: float = Field(0.6, ge=0, le=60, description="standing before a new plan, to see what is in the way")
+    back_m: float = Field(0.5, gt=0, le=10, description="how far the car backs off at most where no path leads on")
+    back_offs: int = Field(3, ge=0, le=100, description="how often on the way to one goal")
     obstacle_range_m: float = Field(4.0, gt=0, le=50, description="what is new on the map of today is not farther away")
 
     patience_s: float = Field(

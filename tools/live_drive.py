@@ -66,6 +66,8 @@ def autopilot_settings(config: Config) -> AutopilotSettings:
         margins_m=drive.margins_m,
         check_m=drive.check_m,
         pause_s=drive.pause_s,
+        back_m=drive.back_m,
+        back_offs=drive.back_offs,
         obstacle_range_m=drive.obstacle_range_m,
         unknown=UnknownSpace(config.planning.unknown),
         speed=replace(speed, top_mps=top_mps, creep_mps=min(speed.creep_mps, top_mps)),

@@ -10,32 +10,26 @@ import json
 import math
 import signal
 import subprocess
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.datagram_link import DatagramLink
-from drivers.emulated_faults import Fault, FaultKind, FaultScript
 from drivers.rover_dynamics import RoverModel
-from drivers.rover_faults import RoverFaultKind
-from drivers.rplidar_models import MODELS
 from mapping import se2
 from mapping.map_io import write_map
-from tools.car_emulation import CarWanted, EmulatedVehicle
 from tools.drive_arrivals import ARRIVED_M, ARRIVED_RAD
 from tools.drive_bench import WORLD, Bench, Case, map_world
 from tools.drive_stops import STOP_S
 from tools.errors import ToolError
 from tools.processes import own_command
 from tools.results import Report
-from tools.rover_emulation import serve_over_network
+from tools.watched_car import LiveStop, WatchedCar
 
 FloatArray = NDArray[np.float64]
 _MODEL = "A2M8"
@@ -63,105 +57,14 @@ class LiveCause(str, Enum):
 BY_TIMEOUT = (LiveCause.killed, LiveCause.cut)  # where nobody but the vehicle can stop it
 
 
-@dataclass(frozen=True, slots=True)
-class LiveStop:
-    """Seconds from the event until the first of the zero-speed setpoints came in, and until the car stood.
-
-    None where that never came. from_mps: how fast it was at the event, fastest_mps: since then.
-    """
-
-    zero_s: float | None
-    stood_s: float | None
-    from_mps: float
-    fastest_mps: float
-
-    def in_time(self, cause: LiveCause, timeout_s: float, model: RoverModel) -> bool:
-        """Whether it stood as soon as it must: 0.6 s or the vehicle's timeout + 0.1 s, and braking."""
-        braking_s = model.latency_s + self.fastest_mps / model.acceleration_mps2 + _TURN_S
-        if self.stood_s is None:
-            return False
-        if cause in BY_TIMEOUT:
-            return self.stood_s <= timeout_s + 0.1 + braking_s
-        return self.zero_s is not None and self.zero_s <= STOP_S and self.stood_s <= self.zero_s + braking_s
-
-
-class WatchedCar:
-    """An emulated car that is served by a thread; keeps when which setpoint came in. address: of its vehicle."""
-
-    def __init__(self, pose: FloatArray, link: Path, seed: int) -> None:
-        x, y, yaw = pose.tolist()
-        self._script = FaultScript()
-        wanted = CarWanted(WORLD, (x, y, yaw), MODELS[_MODEL], link, self._script, seed=seed)
-        self.emulated = EmulatedVehicle(wanted)
-        self._network = DatagramLink("127.0.0.1", 0, listen=True)
-        self.address = f"udpout:127.0.0.1:{self._network.port}"
-        self.setpoints: list[tuple[int, float]] = []  # the emulated clock's ns, m/s
-        self._count = 0
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._serve, name="car", daemon=True)
-        self._thread.start()
-
-    def now_ns(self) -> int:
-        """Return the emulated world's time."""
-        return self.emulated.clock()
-
-    def receive(self, data: bytes, now_ns: int) -> bytes:
-        """See drivers.emulated_link.EmulatedDevice."""
-        answers = self.emulated.car.receive(data, now_ns)
-        rover = self.emulated.rover
-        if rover.received[_SETPOINT] != self._count:
-            self._count = rover.received[_SETPOINT]
-            self.setpoints.append((now_ns, float(rover.last[_SETPOINT].vx)))
-        return answers
-
-    def due(self, now_ns: int) -> bytes:
-        """Likewise."""
-        return self.emulated.car.due(now_ns)
-
-    def power_up(self, now_ns: int) -> None:
-        """It has a battery."""
-
-    def silence_lidar(self) -> None:
-        """From now on no byte of the lidar arrives."""
-        self._script.add(Fault(FaultKind.SILENCE))
-
-    def cut_link(self) -> None:
-        """From now on nothing comes from or goes to the vehicle."""
-        self.emulated.rover.begin(RoverFaultKind.CUT)
-
-    @property
-    def speed_mps(self) -> float:
-        """How fast it truly is."""
-        return abs(self.emulated.rover.state.speed_mps)
-
-    @property
-    def is_driven(self) -> bool:
-        """Whether it drives fast, and is told to."""
-        return self.speed_mps > _FAST_MPS and abs(self.setpoints[-1][1]) > _FAST_MPS
-
-    def stop_after(self, event_ns: int) -> LiveStop:
-        """Measure a stop by the truth."""
-        stamps_ns, _, speeds = self.emulated.world.truth
-        since = np.abs(speeds[np.searchsorted(stamps_ns, event_ns) :])
-        rolling = np.flatnonzero(np.abs(speeds) > _STANDING_MPS)
-        last = int(rolling[-1]) if len(rolling) else -1
-        stood = None if last + 1 >= len(stamps_ns) else max((int(stamps_ns[last + 1]) - event_ns) * 1e-9, 0.0)
-        after = [(at_ns, mps) for at_ns, mps in self.setpoints if at_ns >= event_ns]
-        moving_ns = max((at_ns for at_ns, mps in after if mps != 0.0), default=event_ns)
-        zero_ns = min((at_ns for at_ns, mps in after if mps == 0.0 and at_ns >= moving_ns), default=None)
-        zero_s = None if zero_ns is None else round((zero_ns - event_ns) * 1e-9, 3)
-        return LiveStop(zero_s, None if stood is None else round(stood, 3), float(since[0]), float(since.max()))
-
-    def close(self) -> None:
-        """End it."""
-        self._ended.set()
-        self._thread.join()
-        self._network.close()
-
-    def _serve(self) -> None:
-        with self.emulated.sensor.port:
-            while not self._ended.is_set():
-                serve_over_network(self, self._network, self.emulated.clock)
+def in_time(stop: LiveStop, cause: LiveCause, timeout_s: float, model: RoverModel) -> bool:
+    """Whether the car stood as soon as it must: 0.6 s or the vehicle's timeout + 0.1 s, and braking."""
+    braking_s = model.latency_s + stop.fastest_mps / model.acceleration_mps2 + _TURN_S
+    if stop.stood_s is None:
+        return False
+    if cause in BY_TIMEOUT:
+        return stop.stood_s <= timeout_s + 0.1 + braking_s
+    return stop.zero_s is not None and stop.zero_s <= STOP_S and stop.stood_s <= stop.zero_s + braking_s
 
 
 @contextmanager
@@ -188,7 +91,7 @@ def live_trial(case: Case, cause: LiveCause, map_file: Path, folder: Path) -> Re
     bench = case.bench
     random = np.random.default_rng([bench.seed, case.number, 77])
     world_pose = se2.compose(bench.mapped.T_world_map, case.start)
-    car = WatchedCar(world_pose, folder / "lidar", bench.seed * 10_000 + case.number)
+    car = WatchedCar(WORLD, world_pose, folder / "lidar", bench.seed * 10_000 + case.number)
     arguments = ["run", "--lidar", str(folder / "lidar"), "--map", str(map_file), "--vehicle", car.address]
     arguments += ["--goal", *map(str, case.goal.tolist()), "--start", *map(str, case.told.tolist())]
     arguments += ["-o", str(folder / "run")]
@@ -233,7 +136,7 @@ def _ended(process: subprocess.Popen[bytes], car: WatchedCar, *, wants_signal: b
     ends_s = time.monotonic() + _DRIVE_S
     stood_s = time.monotonic()
     while time.monotonic() < ends_s:
-        if car.speed_mps > _STANDING_MPS:
+        if not car.stands:
             stood_s = time.monotonic()
         stands = time.monotonic() - stood_s > _STANDS_S
         if stands and wants_signal and process.poll() is None:
@@ -271,7 +174,7 @@ def _row(case: Case, cause: LiveCause, car: WatchedCar, event_ns: int | None, co
     stop = car.stop_after(event_ns)
     row |= {**asdict(stop), "timeout_s": timeout_s}
     is_saved = bool(report) or cause is LiveCause.killed
-    row["passed"] = stop.in_time(cause, timeout_s, bench.model) and is_saved and not rover.contacts
+    row["passed"] = in_time(stop, cause, timeout_s, bench.model) and is_saved and not rover.contacts
     return row
 
 

@@ -16,18 +16,18 @@ from drivers.messages import Recordable
 from mapping.grid import OccupancyGrid
 from mapping.mount import Mount
 from mapping.slam import MappedScan
-from tools.clock import RunClock
 
 
 @dataclass(frozen=True, slots=True)
 class LiveSession:
     """What a part is told when the sensors are started.
 
-    mount: where the scans are taken from, on the car. put: records a message. stop: ends the session. grid_now: returns
-    the map with all scans so far, in the thread that maps; only where a part needs it (SessionPart.needs_map).
+    clock: returns stamps in ns. mount: where the scans are taken from, on the car. put: records a message. stop: ends
+    the session. grid_now: returns the map with all scans so far, in the thread that maps; only where a part needs it
+    (SessionPart.needs_map).
     """
 
-    clock: RunClock
+    clock: Callable[[], int]
     mount: Mount
     put: Callable[[Recordable], None]
     stop: threading.Event

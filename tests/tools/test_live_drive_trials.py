@@ -5,7 +5,8 @@ from __future__ import annotations
 import pytest
 
 from drivers.rover_dynamics import RoverModel
-from tools.live_drive_trials import LiveCause, LiveStop, table_of_live
+from tools.live_drive_trials import LiveCause, in_time, table_of_live
+from tools.watched_car import LiveStop
 
 CAR = RoverModel()
 BRAKES_S = CAR.latency_s + 0.5 / CAR.acceleration_mps2
@@ -24,7 +25,7 @@ BRAKES_S = CAR.latency_s + 0.5 / CAR.acceleration_mps2
     ],
 )
 def test_a_stop_is_judged_by_who_can_stop_the_car(cause, zero_s, stood_s, good):
-    assert LiveStop(zero_s, stood_s, 0.5, 0.5).in_time(cause, 3.0, CAR) is good
+    assert in_time(LiveStop(zero_s, stood_s, 0.5, 0.5), cause, 3.0, CAR) is good
 
 
 def test_the_table_has_a_line_for_each_cause_with_the_worst():

@@ -19,7 +19,7 @@ GOAL = (1.0, 1.0, 0.0)
 @pytest.fixture
 def room(tmp_path):
     cells = np.full((80, 60), -5.0, np.float32)
-    cells[[0, -1], :] = cells[:, [0, -1]] = 5.0
+    cells[[0, -1], :] = cells[:, [0, -1]] = cells[40:44, 20:40] = 5.0
     write_map(tmp_path / "room", OccupancyGrid(cells, 0.05, np.zeros(3)))
     return tmp_path / "room.yaml"
 
@@ -56,9 +56,9 @@ def test_run_refuses_in_one_line_before_it_looks_for_a_lidar(cli, room, tmp_path
     run = ("run", "--lidar", "/no/lidar", "-o", tmp_path / "out", "--map", room)
     for words, code, says in (
         (
-            ("--goal", "0.3", "1.0", "3.1416"),
+            ("--goal", "1.5", "2.1", "0"),
             1,
-            "--goal 0.3 1 3.1416: stands on an occupied cell; the nearest pose that would do: --goal",
+            "--goal 1.5 2.1 0: stands on an occupied cell; the nearest pose that would do: --goal",
         ),
         (("--goal", "-5", "1", "0"), 1, "--goal -5 1 0: is outside the map; the nearest pose that would do: --goal"),
         (("--goal", "1", "1"), 2, "--goal 1 1: expected three numbers"),
