@@ -21,6 +21,7 @@ from tools.results import Report
 FloatArray = NDArray[np.float64]
 ARRIVED_M, ARRIVED_RAD = 0.15, math.radians(15.0)  # 0.10 m of driving, and what the maps are fused with
 _MOVED_M = 0.005  # between two poses of the truth
+_SETTINGS = "slam: {refine: false}\n"  # nobody needs the map of this drive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +51,7 @@ def drive_to_goal(
     Raises ToolError where a process failed or the drive takes too long, KeyboardInterrupt if stopped() says so.
     """
     folder.mkdir()
-    link, truth = folder / "lidar", folder / "truth.tum"
+    link, truth, config = folder / "lidar", folder / "truth.tum", folder / "config.yaml"
     pose = [f"{value:.6f}" for value in wanted.in_world]
     emulate = ["emulate", "car", "--world", wanted.world, "--pose", *pose, "--lidar-link", str(link)]
     emulate += ["--rover", "udp:127.0.0.1:0", "--truth", str(truth), "--seed", str(seed), "--json"]
@@ -60,7 +61,8 @@ def drive_to_goal(
         ends = {"--start": wanted.start, "--goal": wanted.goal}
         options = ["--lidar", str(link), "--vehicle", str(ready["vehicle"]), "--map", str(map_file)]
         options += [word for name, pose in ends.items() for word in (name, *(f"{value:.3f}" for value in pose))]
-        options += ["-o", str(folder / "live")]
+        config.write_text(_SETTINGS, encoding="utf-8")
+        options += ["--config", str(config), "-o", str(folder / "live")]
         say(f"     mapfuse-robot run {shlex.join(options)}")
         run = start("run", ["-q", "run", *options])
         code = run.wait(PATIENCE_S, stopped)

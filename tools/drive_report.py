@@ -16,8 +16,12 @@ MISPLACED_M = 0.06  # a contact of a car that believes to be so far away is the 
 
 
 def report_of(arrivals: Sequence[Report], stops: Mapping[str, Sequence[Report]], boxes: Sequence[Report]) -> Report:
-    """Return the report on rows of each part; `passed` tells whether all is as it must be."""
-    every = [*arrivals, *boxes, *(row for rows in stops.values() for row in rows)]
+    """Return the report on rows of each part; `passed` tells whether all is as it must be.
+
+    What a car touches that nothing of ours reaches any more, until its own timeout stops it, is told with that stop.
+    """
+    ours = [row for cause, rows in stops.items() for row in rows if not StopCause(cause).by_timeout]
+    every = [*arrivals, *boxes, *ours]
     touched = [row for row in every if row["contacts"]]
     beside = [row["cross_track_m"] for row in arrivals]
     report: Report = {
@@ -91,7 +95,9 @@ def _stop_line(cause: StopCause, part: Report) -> str:
         rule = f"by the vehicle's own timeout of {timeout_s:g} s (+ {TIMEOUT_S:g} s and braking allowed)"
         noticed = [row["noticed_s"] for row in rows if row["noticed_s"] is not None]
         seen = f", noticed after {max(noticed):.2f} s at most" if noticed else ""
-        return f"{counted} {rule}, standing after {stood} at most{seen}"
+        blind = sum(row["contacts"] > 0 for row in rows)
+        touched = f", {blind} touched something in that time" if blind else ""
+        return f"{counted} {rule}, standing after {stood} at most{seen}{touched}"
     command = _most([row["command_s"] for row in rows])
     return f"{counted}, zero speed after {command} at most ({STOP_S:g} s allowed), standing after {stood} at most"
 

@@ -11,12 +11,14 @@ from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_tracking import MapLocaliser, MapTracker, TrackingSettings
 from mapping.reference_map import reference_map
-from mapping.relocalisation import Located
+from mapping.relocalisation import Located, RelocalisationSettings
 from mapping.slam import MappedScan
 
 FloatArray = NDArray[np.float64]
 
 _HINT = "; push the car on, or tell it where it stands"  # a car that stands sees nothing new
+# A car that stands sees one scan, of some 20 m of walls (200 points); to count at once it must fit better than usual.
+STANDING = RelocalisationSettings(sure_points=150, sure_hits=0.95)
 _FIRST = 5  # scans that make the place exact that the car is told
 _TOLD_M, _TOLD_RAD = 0.1, 0.1  # standard deviations of that
 
@@ -36,7 +38,7 @@ class Locating:
         self._guess = None if guess is None else np.array(guess, dtype=np.float64)
         self._tracker: MapTracker | None = None
         self._first = 0
-        self._everywhere = MapLocaliser(self._map, sensor, tracking=settings)
+        self._everywhere = MapLocaliser(self._map, sensor, STANDING, settings)
 
     def add(self, mapped: MappedScan) -> Located | None:
         """Take in a scan whose match was accepted; return where it was made, None where that is not known."""

@@ -17,12 +17,13 @@ from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.sensor_models import LidarModel
 from mapping.trajectory import Trajectory
 from tools import demo_processes
-from tools.demo_cars import CarFiles, DemoCar, drive_live
-from tools.demo_mission import CARS, exit_code_of, run_demo
+from tools.demo_cars import CARS, CarFiles, DemoCar, drive_live, explore_live
+from tools.demo_mission import exit_code_of, run_demo
 from tools.demo_processes import run_command
 from tools.demo_scores import MappedCar, score_common
 from tools.emulation import Drive
 from tools.errors import ToolError
+from tools.wall_contact import Room
 from tools.world import wings
 
 CAR = DemoCar("A", "A2M8", "wings-west", 0.05)
@@ -31,7 +32,7 @@ DRIVEN = {
     "driven_m": 9.0, "driven_s": 30.0,
 }  # fmt: skip
 WHOLE = {
-    "cars": [{"identical": True}], "alignment": {"accepted": True}, "camera": {"accepted": True},
+    "cars": [{"identical": True, "dropped_scans": 0}], "alignment": {"accepted": True}, "camera": {"accepted": True},
     "plan": {"solved": True, "error": None}, "drive": DRIVEN,
 }  # fmt: skip
 
@@ -156,6 +157,42 @@ time.sleep(60)
 """
 
 
+EXPLORER = """
+import json, signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: stop())
+def stop():
+    say(event="stopped", samples_emitted=7)
+    sys.exit(0)
+def say(**event): print(json.dumps(event), flush=True)
+if "run" in sys.argv:
+    sys.exit(CODE if "--map" not in sys.argv and sys.argv.count("--goal") == 2 else 1)
+say(event="ready", vehicle="udpout:127.0.0.1:9")
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_cars_that_explore_end_by_themselves(code, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo_processes, "_ENTRY", EXPLORER.replace("CODE", str(code)))
+    before, told = children(), list[str]()
+    car = DemoCar(
+        "A", "A2M8", "wings-west", 0.05, goals=((*Drive.tour("wings-west").truth.poses[0],), (2.2, 6.9, 1.57))
+    )
+    cars = [(car, CarFiles(tmp_path))]
+    if code:
+        with pytest.raises(ToolError, match="car A: run failed with exit code 3"):
+            explore_live(cars, 0, lambda: False, told.append)
+    else:
+        assert explore_live(cars, 0, lambda: False, told.append) == [7]
+        assert "--goal 0.0000 0.0000 0.0000" in told[0]  # the car's start, on its own map
+    assert children() == before
+
+
+def test_goals_of_the_cars_have_room():
+    room = Room(wings())
+    assert all(room(np.array(goal)) for car in CARS for goal in car.goals)
+
+
 @pytest.mark.parametrize("drives_s", [("3.0", "5.0"), ("5.0", "3.0")])  # seconds: the stand-ins need some to start
 def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monkeypatch):
     monkeypatch.setattr(demo_processes, "_ENTRY", STAND_IN)
@@ -173,6 +210,7 @@ def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monk
         ({}, 0),
         ({"alignment": {"accepted": False}, "plan": {"solved": False, "error": "NOT_FUSED"}}, 3),
         ({"camera": {"accepted": False}}, 3),
+        ({"cars": [{"identical": False, "dropped_scans": 2}]}, 0),  # a car that drives itself leaves out old scans
     ],
 )
 def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
@@ -182,7 +220,7 @@ def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"cars": [{"identical": False}]}, "replay differs"),
+        ({"cars": [{"identical": False, "dropped_scans": 0}]}, "replay differs"),
         ({"plan": {"solved": False, "error": "TIMEOUT"}, "drive": None}, "TIMEOUT"),
         ({"drive": DRIVEN | {"arrived": False, "exit_code": 3}}, "did NOT arrive"),
         ({"drive": DRIVEN | {"contacts": 2}}, "2 CONTACTS"),

@@ -60,3 +60,12 @@ def test_a_car_that_never_stands_is_not_given_a_time():
 
 def test_parts_that_were_left_out_are_not_in_the_table():
     assert text(stops={"e-stop": []}) == (True, "drives with contact: 0\nall of it simulated")
+
+
+def test_what_is_touched_while_nothing_of_ours_arrives_is_told_with_the_stop_and_not_held_against_the_drive():
+    blind = {**STOP, "command_s": None, "noticed_s": None, "contacts": 9}
+    passed, words = text(stops={"killed": [blind], "e-stop": [STOP]})
+    assert passed
+    assert "1 touched something in that time" in words
+    assert "drives with contact: 0" in words
+    assert not text(stops={"e-stop": [{**STOP, "contacts": 1}]})[0]

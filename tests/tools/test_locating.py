@@ -47,10 +47,10 @@ def scan(walls, number, pose=TRUE):
 
 def test_what_is_seen_of_a_small_room_is_not_enough_and_it_says_what_is_wanted(saved, walls):
     few = scan(walls, 0)
-    near = few.points[np.hypot(*few.points.T) < 5.3]
+    near = few.points[np.hypot(*few.points.T) < 4.5]
     locating = Locating(saved, None, NO_OFFSET, TrackingSettings())
     assert locating.add(MappedScan(0, few.pose, few.match, near, False, False)) is None
-    assert "confirmed 0.9 m on" in locating.reason
+    assert "150 are needed" in locating.reason
     assert "push the car on" in locating.reason
 
 

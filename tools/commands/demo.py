@@ -16,6 +16,9 @@ def demo(
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results; emptied of a former demo.")
     ] = Path("runs/demo"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise and of the random samples.")] = 0,
+    explore: Annotated[
+        bool, typer.Option("--explore", help="The two cars drive themselves while they map: run --goal, without --map.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Two emulated cars map a building, their maps become one, and one drives on it to where the other one started.
@@ -27,7 +30,7 @@ def demo(
     from tools.demo_mission import exit_code_of, run_demo
     from tools.demo_table import table
 
-    report = run_demo(output, seed)
+    report = run_demo(output, seed, explore=explore)
     if report is None:
         raise typer.Exit(ExitCode.CUT_OFF)
     if as_json:
