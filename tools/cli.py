@@ -31,6 +31,7 @@ from tools.commands import (
     evaluate,
     evaluate_camera,
     evaluate_drives,
+    evaluate_exploring,
     evaluate_features,
     evaluate_lidar,
     evaluate_localisation,
@@ -89,6 +90,7 @@ app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
 evaluate.app.command("camera")(evaluate_camera.camera)
 evaluate.app.command("drives")(evaluate_drives.drives)
+evaluate.app.command("exploring")(evaluate_exploring.exploring)
 evaluate.app.command("localisation")(evaluate_localisation.localisation)
 evaluate.app.command("features")(evaluate_features.features)
 evaluate.app.command("lidar")(evaluate_lidar.lidar)

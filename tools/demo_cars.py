@@ -41,6 +41,14 @@ class DemoCar:
         return start
 
 
+_GOALS_A = ((2.2, 6.9, 1.57), (6.3, 9.6, 0.0), (11.3, 6.3, 0.3))
+_GOALS_B = ((14.4, 10.2, 1.0), (16.1, 6.8, -1.6), (10.0, 5.9, 3.0))
+CARS = (
+    DemoCar("A", "A2M8", "wings-west", 0.04, goals=_GOALS_A),
+    DemoCar("B", "A2M12", "wings-east", 0.05, motor_pwm=792, goals=_GOALS_B),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class CarFiles:
     """Where a car keeps what it makes; nothing but the scorer reads the truth."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.map_io import read_map
 from tools.demo_camera import camera_line, fuse_with_camera, map_with_camera
-from tools.demo_cars import CarFiles, DemoCar, MapLive, drive_live, explore_live
+from tools.demo_cars import CARS, CarFiles, MapLive, drive_live, explore_live
 from tools.demo_drive import DriveOutcome, DriveWanted, drive_line, drive_to_goal, score_drive
 from tools.demo_processes import Stopped, run_command
 from tools.demo_scores import MappedCar, read_car, score_alignment, score_car, score_common
@@ -31,12 +31,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 log = logging.getLogger(__name__)
-_GOALS_A = ((2.2, 6.9, 1.57), (6.3, 9.6, 0.0), (11.3, 6.3, 0.3))
-_GOALS_B = ((14.4, 10.2, 1.0), (16.1, 6.8, -1.6), (10.0, 5.9, 3.0))
-CARS = (
-    DemoCar("A", "A2M8", "wings-west", 0.04, goals=_GOALS_A),
-    DemoCar("B", "A2M12", "wings-east", 0.05, motor_pwm=792, goals=_GOALS_B),
-)
 _MARK = "demo.json"  # tells a folder that a former demo made, which may be emptied
 
 

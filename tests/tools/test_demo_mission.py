@@ -17,8 +17,8 @@ from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.sensor_models import LidarModel
 from mapping.trajectory import Trajectory
 from tools import demo_processes
-from tools.demo_cars import CarFiles, DemoCar, drive_live, explore_live
-from tools.demo_mission import CARS, exit_code_of, run_demo
+from tools.demo_cars import CARS, CarFiles, DemoCar, drive_live, explore_live
+from tools.demo_mission import exit_code_of, run_demo
 from tools.demo_processes import run_command
 from tools.demo_scores import MappedCar, score_common
 from tools.emulation import Drive

@@ -1,6 +1,6 @@
-"""A map that is being made as ground to drive on: where the car is, what it may drive on, and that it drives.
+"""A map that is being made as ground to drive on: where the car is, and what it may drive on.
 
-The last test is a whole drive on simulated time, some seconds of computing.
+A whole drive is in test_exploring_evaluation.
 """
 
 from __future__ import annotations
@@ -13,18 +13,10 @@ from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.odometry import ScanMatch
 from mapping.slam import MappedScan
-from planning.costmap import Costmap, UnknownSpace, costmap
-from planning.plan import PlanResult, PlanSettings, plan
+from planning.costmap import UnknownSpace, costmap
 from planning.vehicle import Vehicle
-from tools.autopilot import Autopilot, AutopilotState
-from tools.closed_loop import ClosedLoop
-from tools.config import Config
 from tools.drive_settings import AutopilotSettings
 from tools.growing_ground import GrowingGround, exploring, reaching, with_room_for
-from tools.path_search import PathSearchHere
-from tools.simulated_car import SimulatedCar
-from tools.wall_contact import Room
-from tools.world import World
 
 FloatArray = NDArray[np.float64]
 CELL_M = 0.05
@@ -90,42 +82,3 @@ def test_a_car_that_explores_keeps_off_walls_and_may_drive_where_nobody_looked()
     assert settings.unknown is UnknownSpace.costly
     assert list(settings.margins_m) == sorted({0.15, 0.08, *usual.margins_m}, reverse=True)
     assert exploring(AutopilotSettings(unknown=UnknownSpace.free)).unknown is UnknownSpace.free
-
-
-def find_path(known: Costmap, start: FloatArray, goal: FloatArray) -> PlanResult:
-    return plan(known, start, goal, PlanSettings(iterations=50), seed=0, clock=lambda: 0.0)
-
-
-def test_a_car_drives_round_a_wall_to_a_place_that_it_had_not_seen():
-    occupied = np.zeros((200, 250), np.bool_)  # 5 m x 4 m
-    occupied[[0, 1, -2, -1], :] = True
-    occupied[:, [0, 1, -2, -1]] = True
-    occupied[:130, 120:126] = True
-    occupied[150:170, 20:50] = True
-    walls, config = World(occupied, 0.02, np.zeros(3)), Config()
-    start, goal_in_world = np.array([1.0, 1.0, 0.3]), np.array([3.9, 0.9, -1.4])
-    goal = se2.between(start, goal_in_world)  # the map begins where the car stands
-
-    settings, car = exploring(AutopilotSettings()), SimulatedCar(walls, start, config.mount(), seed=4)
-    first: list[OccupancyGrid] = []
-
-    def grid_now() -> OccupancyGrid:
-        first.append(closed.grid_now())
-        return first[-1]
-
-    search = PathSearchHere(find_path)
-    pilot = Autopilot(
-        GrowingGround(grid_now, Vehicle(), settings, [goal]), Vehicle(), [goal], search, settings=settings
-    )
-    closed = ClosedLoop(car, pilot, config, live=True)
-    closed.run(60.0)
-    col, row = np.floor(first[0].cell_coordinates(goal[np.newaxis, :2])[0]).astype(int)
-    inside = 0 <= row < first[0].log_odds.shape[0] and 0 <= col < first[0].log_odds.shape[1]
-    assert not (inside and first[0].known[row, col])
-    assert pilot.state is AutopilotState.arrived
-    poses = car.world.truth[1]
-    off = se2.between(goal_in_world, poses[-1])
-    assert np.hypot(off[0], off[1]) < 0.1
-    assert abs(off[2]) < np.radians(15.0)
-    room = Room(walls)
-    assert all(room(pose) for pose in poses[::5])
