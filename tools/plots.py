@@ -146,9 +146,7 @@ def _draw_fused(axes: Any, picture: MissionPicture) -> None:
     )  # fmt: skip
     if len(picture.driven):
         driven = picture.driven
-        axes.plot(
-            driven[:, 0], driven[:, 1], color=_COLORS[0], lw=1.5, ls="--", zorder=4, label="car A's drive (truth)"
-        )
+        axes.plot(driven[:, 0], driven[:, 1], color="black", lw=2.0, ls=":", zorder=4, label="car A's drive (truth)")
     axes.plot(*path[0, :2], "o", color=_COLORS[0], ms=11, mec="white", label="start: where car A stands")
     axes.plot(*path[-1, :2], "*", color=_COLORS[1], ms=17, mec="white", label="goal: where car B started")
     axes.set_title(f"global map and a path of {travelled[-1]:.1f} m")
