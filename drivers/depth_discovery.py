@@ -14,6 +14,16 @@ from drivers.video_device import VideoDevice
 D435_IDS = {("8086", "0b07"): "D435", ("8086", "0b3a"): "D435i"}  # USB vendor and product, as sysfs writes them
 
 
+def udev_rules(name: str) -> str:
+    """Rules that give the depth node of a D435 the name /dev/`name`: the first of its first interface."""
+    return "\n".join(
+        f'SUBSYSTEM=="video4linux", ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}",'
+        ' ENV{ID_USB_INTERFACE_NUM}=="00", ATTR{index}=="0", GROUP="video", MODE="0660",'
+        f' SYMLINK+="{name}"'
+        for vendor, product in D435_IDS
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class DepthNode:
     """A node that streams Z16. model: D435, D435i, or the name that another camera gives itself.

@@ -135,6 +135,10 @@ class FaultScript:
         if self._began_ns is None:
             self._began_ns = now_ns
 
+    def add(self, fault: Fault) -> None:
+        """Let another fault be; one without a start holds from now on."""
+        self.faults = (*self.faults, fault)
+
     def span_ns(self, fault: Fault) -> tuple[float, float]:
         """From when to when the fault holds, in ns of the callers' clock; infinite before the script has begun."""
         if fault.start_s is None:

@@ -78,6 +78,11 @@ class MavlinkRover:
         """Where the car truly is; for the world around it and for scores, never for the link."""
         return self._dynamics.state
 
+    @property
+    def contacts(self) -> int:
+        """How often a wall has stopped it."""
+        return self._dynamics.contacts
+
     def receive(self, data: bytes, now_ns: int) -> bytes:
         """Take bytes from the host; return what is answered at once."""
         self.pass_time(now_ns)
@@ -101,6 +106,10 @@ class MavlinkRover:
 
     def power_up(self, now_ns: int) -> None:
         """Nothing: the car has a battery of its own, and a plug that is pulled takes the link alone."""
+
+    def begin(self, kind: RoverFaultKind) -> None:
+        """Let a fault that lasts begin now, and never end."""
+        self._faults = (*self._faults, RoverFault(kind, self._seconds))
 
     # ------------------------------------------------------------------------------------------------- motion
     def pass_time(self, now_ns: int) -> None:
@@ -147,6 +156,8 @@ class MavlinkRover:
             self._set_mode(message.custom_mode)
         elif kind in {"COMMAND_LONG", "COMMAND_INT"}:
             return self._obey(message)
+        elif kind == "TIMESYNC" and message.tc1 == 0:
+            return self._codec.encode("TIMESYNC", tc1=self._now_ns, ts1=message.ts1)
         elif kind == "PARAM_REQUEST_LIST":
             return b"".join(self._parameter(name) for name in sorted(self.autopilot.parameters))
         elif kind == "PARAM_REQUEST_READ":

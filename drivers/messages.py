@@ -227,7 +227,16 @@ class PlannedPath:
         object.__setattr__(self, "poses", poses)
 
 
-Message = LaserScan | Odometry | Transform | RawChunk | LidarStream | DepthImage
-Product = GridSnapshot | PlannedPath
+@dataclass(frozen=True, slots=True)
+class VelocityCommand:
+    """What a car was told, as other tools see it (geometry_msgs/Twist): speed ahead and turning speed of base_link."""
+
+    stamp_ns: int
+    speed_mps: float
+    yaw_rate_radps: float
+
+
+Message = LaserScan | Odometry | Imu | Transform | RawChunk | LidarStream | DepthImage
+Product = GridSnapshot | PlannedPath | VelocityCommand
 """What came of messages: recorded for other tools, never replayed."""
 Recordable = Message | Product

@@ -4,15 +4,17 @@ The calls, as in Quanser_Academic_Resources, pal/products/qcar.py: QCar(readMode
 steering), terminate(), and the attributes motorEncoder, gyroscope, accelerometer, batteryVoltage after a read. That
 API prints faults of the board instead of raising them, so a board that is not there is told by a battery of 0 V.
 
-The throttle is a duty cycle, so speed is controlled here, in poll(), from the encoder. Nothing beyond this process
-stops the motor: setpoint_timeout_s is None, and a process that is killed leaves the last duty cycle on. To be checked
-on the car before anything else: the signs (positive steering is left, positive throttle and encoder are ahead, the
-gyroscope counts counter-clockwise), and what the board does when its process ends.
+The throttle is a duty cycle, so speed is controlled here, in poll(), from the encoder. The board is owned by a process
+of its own (drivers.qcar_guard), which stops the motor when this one is silent for command_life_s, and at once when it
+is gone. What the board does when that process is killed is not known. To be checked on the car before anything else:
+that, and the signs (positive steering is left, positive throttle and encoder are ahead, the gyroscope counts
+counter-clockwise).
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -21,8 +23,9 @@ from typing import Any, Protocol
 import numpy as np
 from typing_extensions import Self
 
-from drivers.errors import DriverError, SilentPortError
+from drivers.errors import SilentPortError
 from drivers.messages import FloatArray, Imu, LaserScan, Odometry
+from drivers.qcar_link import GuardedBoard
 from drivers.vehicle import (
     STANDSTILL,
     ArmingRefusedError,
@@ -61,7 +64,10 @@ class QcarBoard(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class QcarSettings:
-    """kp, ki: duty cycle per m/s and per m, as Quanser's examples begin with; to be tuned on the car."""
+    """kp, ki: duty cycle per m/s and per m, as Quanser's examples begin with; to be tuned on the car.
+
+    python: the interpreter that Quanser's API is installed for, which may be an older one than ours.
+    """
 
     wheelbase_m: float = 0.256
     steering_limit_rad: float = math.radians(30.0)
@@ -70,18 +76,7 @@ class QcarSettings:
     kp: float = 0.1
     ki: float = 1.0
     command_life_s: float = 0.5
-
-
-def open_board(throttle_limit: float = QcarSettings().throttle_limit) -> QcarBoard:
-    """Return Quanser's object; raises DriverError where its API is missing."""
-    try:
-        from pal.products.qcar import QCar  # noqa: PLC0415 - installed on a QCar alone
-    except ImportError as error:
-        raise DriverError(
-            f"qcar: Quanser's Python API is missing ({error}): run on the car, with its PYTHONPATH"
-        ) from error
-    board: QcarBoard = QCar(readMode=0, pwmLimit=throttle_limit)
-    return board
+    python: str = sys.executable
 
 
 class SpeedControl:
@@ -107,21 +102,24 @@ class SpeedControl:
 
 
 class QcarVehicle:
-    """See drivers.vehicle.Vehicle; poll() is also the control loop: call it at 50 Hz. clock: ns, monotonic."""
+    """See drivers.vehicle.Vehicle; poll() is also the control loop: call it at 50 Hz. clock: ns, monotonic.
+
+    board: makes the board, for tests in this process; without it the board's process keeps the deadline.
+    """
 
     name = "qcar"
-    setpoint_timeout_s: float | None = None
 
     def __init__(
         self,
         clock: Callable[[], int],
         *,
-        board: Callable[[], QcarBoard] = open_board,
+        board: Callable[[], QcarBoard] | None = None,
         settings: QcarSettings | None = None,
     ) -> None:
         self.settings = settings or QcarSettings()
         self._clock = clock
-        self._open_board = board
+        self.setpoint_timeout_s = self.settings.command_life_s if board is None else None
+        self._open_board = board or self._guarded_board
         self._board: QcarBoard | None = None
         self._armed = False
         self._emergency = False
@@ -134,25 +132,25 @@ class QcarVehicle:
 
     def __enter__(self) -> Self:
         """Open the board; SilentPortError where it does not answer."""
-        self._board = self._open_board()
-        self._board.read()
-        if _number(self._board.batteryVoltage) <= 0.0:
-            self._board.terminate()
-            self._board = None
+        board = self._open_board()
+        board.read()
+        if _number(board.batteryVoltage) <= 0.0:
+            board.terminate()
             raise SilentPortError(
                 "qcar: the board answers nothing (battery 0 V): switch it on, end other programs on it"
             )
-        self._last = None
+        self._board, self._last = board, None
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._board is not None:
-            self._halt()
-            self._board.terminate()
-            self._board = None
-        self._armed = False
+        board, self._board, self._armed = self._board, None, False
+        if board is not None:
+            try:
+                board.write(0.0, 0.0)
+            finally:
+                board.terminate()
 
     def arm(self) -> None:
         """Take commands from now on; ArmingRefusedError with an empty battery."""
@@ -210,6 +208,10 @@ class QcarVehicle:
 
     def tell_scan(self, scan: LaserScan, T_base_laser: FloatArray) -> None:
         """Nor for this."""
+
+    def _guarded_board(self) -> QcarBoard:
+        settings = self.settings
+        return GuardedBoard(settings.command_life_s, settings.throttle_limit, python=settings.python)
 
     @property
     def _opened(self) -> QcarBoard:

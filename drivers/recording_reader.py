@@ -27,6 +27,7 @@ from drivers.realsense_bag import RealsenseBag, is_ros1_bag
 from drivers.recording_files import open_storages
 from drivers.recording_storage import Storage, TopicInfo
 from drivers.ros_codec import (
+    IMU_TYPE,
     ODOMETRY_TYPE,
     PRODUCT_TYPES,
     RAW_TYPE,
@@ -116,6 +117,7 @@ class BagRecording(Closing):
         self.has_raw = {t.type for t in self.topics if t.name in self._raw_topics} == {RAW_TYPE, STREAM_TYPE}
         self.scan_topic = None if self.has_raw else _main_topic(self.topics, SCAN_TYPE)
         self.odometry_topic = _main_topic(self.topics, ODOMETRY_TYPE, first_choice="/odom")
+        self._imu_topic = _main_topic(self.topics, IMU_TYPE, first_choice="/imu")
 
     def messages(self, scan_topic: str | None = None) -> Iterator[Message]:
         """Yield the messages in the order of their log times.
@@ -127,7 +129,7 @@ class BagRecording(Closing):
         if scan_topic is not None and scan_topic not in scans:
             known = ", ".join(scans) or "none"
             raise RecordingError(f"{self.path}: no LaserScan topic {scan_topic!r}; LaserScan topics in it: {known}")
-        chosen = {scan_topic or self.scan_topic, self.odometry_topic, self.depth_topic} - {None}
+        chosen = {scan_topic or self.scan_topic, self.odometry_topic, self._imu_topic, self.depth_topic} - {None}
         chosen |= self._depth.companions
         chosen |= {topic.name for topic in self.topics if topic.type == TRANSFORM_TYPE}
         if scan_topic is None:

@@ -6,9 +6,11 @@
 | LidarStream | std_msgs/msg/String holding JSON | /lidar/stream (latched) |
 | LaserScan | sensor_msgs/msg/LaserScan | /scan |
 | Odometry | nav_msgs/msg/Odometry | /odom |
+| Imu | sensor_msgs/msg/Imu | /imu |
 | Transform | tf2_msgs/msg/TFMessage | /tf, /tf_static (latched) |
 | GridSnapshot | nav_msgs/msg/OccupancyGrid | /map (latched) |
 | PlannedPath | nav_msgs/msg/Path | /plan (latched) |
+| VelocityCommand | geometry_msgs/msg/Twist | /cmd_vel (stamp = log time) |
 | DepthImage | sensor_msgs/msg/Image and what `depth_codec` puts beside it | /camera/depth/image_rect_raw |
 
 The first two use general types (every channel of a ROS recording needs a schema), so their topic decides what they are.
@@ -31,6 +33,7 @@ from drivers.messages import (
     DepthImage,
     FloatArray,
     GridSnapshot,
+    Imu,
     LaserScan,
     LidarStream,
     Odometry,
@@ -38,6 +41,7 @@ from drivers.messages import (
     RawChunk,
     Recordable,
     Transform,
+    VelocityCommand,
 )
 from drivers.recording_scan import BinnedScan, bin_count, bin_scan, unbin_scan
 from drivers.ros_store import from_cdr, header, header_stamp_ns, to_cdr
@@ -46,12 +50,17 @@ RAW_TYPE = "std_msgs/msg/UInt8MultiArray"
 STREAM_TYPE = "std_msgs/msg/String"
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+IMU_TYPE = "sensor_msgs/msg/Imu"
 TRANSFORM_TYPE = "tf2_msgs/msg/TFMessage"
 GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
 PATH_TYPE = "nav_msgs/msg/Path"
-PRODUCT_TYPES = (GRID_TYPE, PATH_TYPE)
+TWIST_TYPE = "geometry_msgs/msg/Twist"
+PRODUCT_TYPES = (GRID_TYPE, PATH_TYPE, TWIST_TYPE)
+_NO_ORIENTATION = -1.0  # sensor_msgs/Imu: the first element of the covariance of what is not measured
 
-SingleMessage = LaserScan | Odometry | Transform | RawChunk | LidarStream | GridSnapshot | PlannedPath
+SingleMessage = (
+    LaserScan | Odometry | Imu | Transform | RawChunk | LidarStream | GridSnapshot | PlannedPath | VelocityCommand
+)
 """What goes into one ROS message: all but a DepthImage, which takes several (see depth_codec)."""
 
 _TYPES: dict[type[SingleMessage], str] = {
@@ -59,18 +68,22 @@ _TYPES: dict[type[SingleMessage], str] = {
     LidarStream: STREAM_TYPE,
     LaserScan: SCAN_TYPE,
     Odometry: ODOMETRY_TYPE,
+    Imu: IMU_TYPE,
     Transform: TRANSFORM_TYPE,
     GridSnapshot: GRID_TYPE,
     PlannedPath: PATH_TYPE,
+    VelocityCommand: TWIST_TYPE,
 }
 _TOPICS: dict[type[Recordable], str] = {
     RawChunk: "/lidar/raw",
     LidarStream: "/lidar/stream",
     LaserScan: "/scan",
     Odometry: "/odom",
+    Imu: "/imu",
     Transform: "/tf",
     GridSnapshot: "/map",
     PlannedPath: "/plan",
+    VelocityCommand: "/cmd_vel",
     DepthImage: DEPTH_TOPIC,
 }
 
@@ -108,6 +121,10 @@ def encode(message: SingleMessage, scan_bins: int | None = None) -> bytes:
         return encode_scan(message, bin_scan(message, scan_bins or bin_count(message)))
     elif isinstance(message, Odometry):
         body = _odometry_to_ros(message)
+    elif isinstance(message, Imu):
+        body = _imu_to_ros(message)
+    elif isinstance(message, VelocityCommand):
+        body = _twist(message.speed_mps, 0.0, message.yaw_rate_radps)
     elif isinstance(message, PlannedPath):
         body = _path_to_ros(message)
     else:
@@ -163,12 +180,21 @@ def _from_ros(body: object, topic: str, log_time_ns: int) -> tuple[SingleMessage
             return (_scan_from_ros(body, log_time_ns),)
         case ros.nav_msgs__msg__Odometry():
             return (_odometry_from_ros(body, log_time_ns),)
+        case ros.sensor_msgs__msg__Imu():
+            return (_imu_from_ros(body, log_time_ns),)
         case ros.tf2_msgs__msg__TFMessage():
             return _transforms_from_ros(body, static=topic.endswith("tf_static"))
+    return (_product_from_ros(body, log_time_ns),)
+
+
+def _product_from_ros(body: object, log_time_ns: int) -> GridSnapshot | PlannedPath | VelocityCommand:
+    match body:
         case ros.nav_msgs__msg__OccupancyGrid():
-            return (_grid_from_ros(body),)
+            return _grid_from_ros(body)
         case ros.nav_msgs__msg__Path():
-            return (_path_from_ros(body, log_time_ns),)
+            return _path_from_ros(body, log_time_ns)
+        case ros.geometry_msgs__msg__Twist():
+            return VelocityCommand(log_time_ns, body.linear.x, body.angular.z)
     raise TypeError(f"no decoder for {type(body).__name__}")
 
 
@@ -225,13 +251,11 @@ def _xy_yaw(pose: ros.geometry_msgs__msg__Pose) -> FloatArray:
 
 def _odometry_to_ros(odometry: Odometry) -> ros.nav_msgs__msg__Odometry:
     vx, vy, wz = odometry.twist.tolist()
-    vector = ros.geometry_msgs__msg__Vector3
-    twist = ros.geometry_msgs__msg__Twist(vector(vx, vy, 0.0), vector(0.0, 0.0, wz))
     return ros.nav_msgs__msg__Odometry(
         header=header(odometry.stamp_ns, odometry.frame_id),
         child_frame_id=odometry.child_frame_id,
         pose=ros.geometry_msgs__msg__PoseWithCovariance(_planar_pose(*odometry.pose.tolist()), np.zeros(36)),
-        twist=ros.geometry_msgs__msg__TwistWithCovariance(twist, np.zeros(36)),
+        twist=ros.geometry_msgs__msg__TwistWithCovariance(_twist(vx, vy, wz), np.zeros(36)),
     )
 
 
@@ -246,6 +270,32 @@ def _odometry_from_ros(body: ros.nav_msgs__msg__Odometry, log_time_ns: int) -> O
         frame_id=body.header.frame_id,
         child_frame_id=body.child_frame_id,
     )
+
+
+def _twist(vx: float, vy: float, wz: float) -> ros.geometry_msgs__msg__Twist:
+    vector = ros.geometry_msgs__msg__Vector3
+    return ros.geometry_msgs__msg__Twist(vector(vx, vy, 0.0), vector(0.0, 0.0, wz))
+
+
+def _imu_to_ros(imu: Imu) -> ros.sensor_msgs__msg__Imu:
+    vector, unknown = ros.geometry_msgs__msg__Vector3, np.zeros(9)
+    no_orientation = np.array([_NO_ORIENTATION, *unknown[1:]])
+    return ros.sensor_msgs__msg__Imu(
+        header=header(imu.stamp_ns, imu.frame_id),
+        orientation=ros.geometry_msgs__msg__Quaternion(0.0, 0.0, 0.0, 1.0),
+        orientation_covariance=no_orientation,
+        angular_velocity=vector(*imu.angular_velocity_radps.tolist()),
+        angular_velocity_covariance=unknown,
+        linear_acceleration=vector(*imu.acceleration_mps2.tolist()),
+        linear_acceleration_covariance=unknown,
+    )
+
+
+def _imu_from_ros(body: ros.sensor_msgs__msg__Imu, log_time_ns: int) -> Imu:
+    turning, felt = (
+        np.array([vector.x, vector.y, vector.z]) for vector in (body.angular_velocity, body.linear_acceleration)
+    )
+    return Imu(header_stamp_ns(body.header) or log_time_ns, turning, felt, body.header.frame_id)
 
 
 def _transforms_from_ros(body: ros.tf2_msgs__msg__TFMessage, *, static: bool) -> tuple[Transform, ...]:

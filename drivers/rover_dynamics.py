@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from drivers.messages import FloatArray, Odometry
 from drivers.vehicle import STANDSTILL, DriveCommand
 
 _SUBSTEP_S = 0.005
+_FREE_M = 0.02  # a car that has come so far from where it was stopped, and is stopped again, has had another contact
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +54,23 @@ class RoverState:
 
 
 class RoverDynamics:
-    """A car at `pose` (3,); step() lets time pass and returns the state after it."""
+    """A car at `pose` (3,); step() lets time pass and returns the state after it.
 
-    def __init__(self, pose: FloatArray, model: RoverModel | None = None) -> None:
+    fits: whether the car can be at a pose (3,); where it cannot it does not go: it stands, at once. contacts: how often
+    that has stopped it; it counts once however long the car goes on pushing.
+    """
+
+    def __init__(
+        self,
+        pose: FloatArray,
+        model: RoverModel | None = None,
+        *,
+        fits: Callable[[FloatArray], bool] = lambda _pose: True,
+    ) -> None:
         self.model = model or RoverModel()
+        self.contacts = 0
+        self._fits = fits
+        self._since_contact_m = math.inf
         self._x_m, self._y_m, self._yaw_rad = (float(value) for value in pose)
         self._speed_mps = 0.0
         self._steering_rad = 0.0
@@ -91,11 +106,17 @@ class RoverDynamics:
         turn_rad = way_m * model.curvature_1pm((self._steering_rad + steering) / 2.0)
         chord_m = way_m * np.sinc(turn_rad / (2.0 * math.pi))  # np.sinc(x) is sin(pi x) / (pi x)
         heading = self._yaw_rad + turn_rad / 2.0
-        self._x_m += float(chord_m) * math.cos(heading)
-        self._y_m += float(chord_m) * math.sin(heading)
-        self._yaw_rad = (self._yaw_rad + turn_rad + math.pi) % (2.0 * math.pi) - math.pi
-        self._speed_mps, self._steering_rad = speed, steering
+        x = self._x_m + float(chord_m) * math.cos(heading)
+        y = self._y_m + float(chord_m) * math.sin(heading)
+        yaw = (self._yaw_rad + turn_rad + math.pi) % (2.0 * math.pi) - math.pi
+        self._steering_rad = steering
         self._time_s += dt_s
+        if way_m and not self._fits(np.array([x, y, yaw])):
+            self.contacts += self._since_contact_m > _FREE_M
+            self._since_contact_m = self._speed_mps = 0.0
+            return
+        self._since_contact_m += abs(way_m)
+        self._x_m, self._y_m, self._yaw_rad, self._speed_mps = x, y, yaw, speed
 
 
 class NoisyOdometry:

@@ -1,4 +1,4 @@
-"""Names of serial ports that stay: udev's links by the adapter's serial number, and a rule for one more."""
+"""Names of serial ports that stay: udev's links by the adapter's serial number, and rules for more."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from drivers.errors import PortMissingError
 from drivers.serial_link import UsbAdapter, usb_adapter
 
 LINK_FOLDERS = (Path("/dev/serial/by-id"), Path("/dev/serial/by-path"))
+# What autopilots call themselves on USB, vendor and product: PX4's boards (any), ArduPilot's firmware.
+_AUTOPILOTS = (("26ac", None), ("1209", "5740"), ("1209", "5741"))
 _CP2102 = UsbAdapter(0x10C4, 0xEA60, None)  # the adapter of the RPLIDAR's accessory board
 
 
@@ -36,11 +38,21 @@ def udev_rule(port: str | None, name: str) -> str:
         raise PortMissingError(
             f"{port}: no USB serial adapter is there, so no rule can name it: plug it in or leave it out"
         )
-    matches = [
-        'SUBSYSTEM=="tty"',
-        f'ATTRS{{idVendor}}=="{adapter.vendor:04x}"',
-        f'ATTRS{{idProduct}}=="{adapter.product:04x}"',
-    ]
-    if adapter.serial_number:
-        matches.append(f'ATTRS{{serial}}=="{adapter.serial_number}"')
-    return ", ".join([*matches, 'GROUP="dialout"', 'MODE="0660"', f'SYMLINK+="{name}"'])
+    return _rule(f"{adapter.vendor:04x}", f"{adapter.product:04x}", adapter.serial_number, name)
+
+
+def autopilot_rules(name: str) -> str:
+    """Rules that give an autopilot of PX4 or ArduPilot on USB the name /dev/`name`: its first port speaks MAVLink."""
+    first = 'ENV{ID_USB_INTERFACE_NUM}=="00"'
+    return "\n".join(_rule(vendor, product, None, name, first) for vendor, product in _AUTOPILOTS)
+
+
+def _rule(vendor: str, product: str | None, serial_number: str | None, name: str, *more: str) -> str:
+    matches = ['SUBSYSTEM=="tty"', f'ATTRS{{idVendor}}=="{vendor}"']
+    if product:
+        matches.append(f'ATTRS{{idProduct}}=="{product}"')
+    if serial_number:
+        matches.append(f'ATTRS{{serial}}=="{serial_number}"')
+    # ModemManager, where it runs, would send a new port the commands of a telephone.
+    given = ['GROUP="dialout"', 'MODE="0660"', 'ENV{ID_MM_DEVICE_IGNORE}="1"', f'SYMLINK+="{name}"']
+    return ", ".join([*matches, *more, *given])

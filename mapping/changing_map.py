@@ -16,9 +16,13 @@ from numpy.typing import NDArray
 from mapping.grid import OccupancyGrid
 from mapping.raycast import integrate_rays
 from mapping.sensor_models import LidarModel
+from mapping.surface import facings_of
+from mapping.wall_faces import faces_towards, facing_layers
+from mapping.wall_map import wall_map
 
 FloatArray = NDArray[np.float64]
 _SHORT_OF_WALL = 2.0  # cells
+_FREE_BELOW = -0.4  # log-odds
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,8 +46,9 @@ class ChangingMap:
         self._log_odds = np.clip(saved.log_odds, -confidence.free, confidence.occupied).astype(np.float32)
         self._visited = np.zeros(self._log_odds.shape, np.int32)
         self._scans = 0
-        near = cv2.dilate(saved.occupied.view(np.uint8), np.ones((3, 3), np.uint8))
-        self._near_wall = np.asarray(near > 0)
+        faces = faces_towards(wall_map(saved, free_below=_FREE_BELOW))
+        around = np.ones((3, 3), np.uint8)
+        self._near_wall = np.stack([cv2.dilate(layer.view(np.uint8), around) > 0 for layer in faces])
 
     def add_scan(self, sensor: FloatArray, points: FloatArray) -> tuple[int, int, int, int] | None:
         """Add points (N, 2) measured from sensor (2,), both in the map frame.
@@ -62,8 +67,10 @@ class ChangingMap:
         is_hit = share >= 1.0
         ends = np.clip(start + rays * np.minimum(share, 1.0)[:, np.newaxis], 0.0, np.array([cols, rows]) - 1e-6)
         # A hit beside a saved wall is that wall: the place is known to a few centimetres only, and walls must not grow.
+        # But only if it was seen from that side: the other face is new, a wall's thickness away.
         col, row = ends.astype(np.intp).T
-        on_wall = is_hit & self._near_wall[row, col]
+        layers = facing_layers(facings_of(points, sensor) - self._saved.origin[2])
+        on_wall = is_hit & self._near_wall[layers, row, col]
         is_hit &= ~on_wall
         lengths = np.hypot(*(ends - start).T)
         shortened = np.where(on_wall, np.maximum(lengths - _SHORT_OF_WALL, 0.0) / np.maximum(lengths, 1e-9), 1.0)

@@ -1,4 +1,4 @@
-"""How well do seen points fit a saved map at a pose: refinement below a cell, and what speaks for and against it."""
+"""Where do seen points fit a saved map? Refinement of a pose below a cell, and how firmly the walls hold it."""
 
 from __future__ import annotations
 
@@ -10,13 +10,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.wall_map import FAR_M, UNKNOWN, WALL, Distances, States, WallMap
+from mapping.place_evidence import HIT_M
+from mapping.wall_faces import WallFaces, facing_layer
+from mapping.wall_map import FAR_M, Distances, WallMap
 
 FloatArray = NDArray[np.float64]
 
-_HIT_M = 0.15  # a point so near a wall is on it
-_AGAINST_M = 0.30  # one so far from every wall, in the map's free space, contradicts it
-_BEHIND_M = 0.25  # a ray that comes out of a wall by so much went through it
 _RANGE_M = 0.05  # standard deviation of a point's distance to the map's wall
 _NORMAL_RAD = 0.2  # scatter of the walls' directions on a grid
 _STEP_M, _STEP_RAD = 0.3, 0.1  # of one iteration at the most
@@ -36,40 +35,10 @@ class Fit:
     points: int
 
 
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What points seen along a drive say about a pose, as numbers of points.
-
-    hits lie on walls, astray in free space, far from any wall; near are between; unknown lie where the map knows
-    nothing; through (of any of these) were seen by a ray that crossed a wall of the map.
-    """
-
-    points: int
-    hits: int
-    near: int
-    astray: int
-    unknown: int
-    through: int
-
-    @property
-    def known(self) -> int:
-        """Points that lie where the map knows something."""
-        return self.points - self.unknown
-
-    @property
-    def hit_share(self) -> float:
-        """Share of the known points on walls, 0 without any."""
-        return self.hits / self.known if self.known else 0.0
-
-    @property
-    def contradiction(self) -> float:
-        """Points in free space as a share of the known ones, plus those seen through walls as a share of all."""
-        return self.astray / self.known + self.through / self.points if self.known else 0.0
-
-
 def refine(
-    walls: WallMap,
+    faces: WallFaces,
     points: FloatArray,
+    facings_rad: FloatArray,
     pose: FloatArray,
     *,
     scales_m: tuple[float, ...] = (0.4, 0.3, 0.25, 0.2, 0.16, 0.13, 0.1, 0.1, 0.1, 0.1, 0.1),
@@ -77,13 +46,16 @@ def refine(
 ) -> Fit:
     """Return the pose in the grid's frame near `pose` (3,) at which the points (N, 2) lie best on walls.
 
-    Gauss-Newton on the interpolated distance field with Geman-McClure weights of falling scale; prior (3, 3): the
-    information with which `pose` itself holds.
+    facings_rad (N,): where the surface that a point lies on faces, in the points' frame (surface.facings_of): only
+    walls that can be seen so count for it. Gauss-Newton on the interpolated distance field with Geman-McClure weights
+    of falling scale; prior (3, 3): the information with which `pose` itself holds.
     """
     held = np.zeros((3, 3)) if prior is None else prior
     scales = np.array(scales_m, dtype=np.float64)
     start = np.array(pose, dtype=np.float64)
-    found, matrix, hits = _gauss_newton(walls.distances, walls.resolution_m, points, start, scales, held)
+    facings = np.ascontiguousarray(facings_rad, dtype=np.float64)
+    resolution_m = faces.walls.resolution_m
+    found, matrix, hits = _gauss_newton(faces.distances, resolution_m, points, facings, start, scales, held)
     found[2] = se2.wrap_angle(found[2])
     return Fit(found, matrix, hits / max(len(points), 1), len(points))
 
@@ -94,7 +66,8 @@ def refine_each(walls: WallMap, points: FloatArray, poses: FloatArray, scales_m:
     The points (N, 2) should lie about the origin of their frame: a step turns about it.
     """
     scales = np.array(scales_m, dtype=np.float64)
-    return _refine_each(walls.distances, walls.resolution_m, points, np.ascontiguousarray(poses), scales)
+    field = walls.distances[np.newaxis]  # of all walls, whatever they face
+    return _refine_each(field, walls.resolution_m, points, np.ascontiguousarray(poses), scales)
 
 
 def structure(fit: Fit) -> float:
@@ -125,14 +98,6 @@ def _spread(fit: Fit) -> tuple[float, float]:
     """Return the least eigenvalue and the trace of the normal matrix of x and y."""
     values = np.linalg.eigvalsh(fit.information[:2, :2])
     return float(values[0]), float(values.sum())
-
-
-def judge(walls: WallMap, points: FloatArray, origins: FloatArray, pose: FloatArray) -> Evidence:
-    """Count what speaks for and against a pose (3,) in the grid's frame: points (N, 2) seen from origins (N, 2)."""
-    ends = se2.transform_points(pose, points) / walls.resolution_m
-    starts = se2.transform_points(pose, origins) / walls.resolution_m
-    counts = _count(walls.distances, walls.states, walls.resolution_m, starts, ends)
-    return Evidence(len(points), *counts.tolist())
 
 
 @njit(cache=True, nogil=True)
@@ -170,17 +135,21 @@ def _gauss_newton(
     distances: Distances,
     resolution_m: float,
     points: FloatArray,
+    facings: FloatArray,
     start: FloatArray,
     scales_m: FloatArray,
     held: FloatArray,
 ) -> tuple[FloatArray, FloatArray, int]:
-    """Return the pose (3,), its information (3, 3) and the number of points on walls, after a step at each scale."""
+    """Return the pose (3,), its information (3, 3) and the number of points on walls, after a step at each scale.
+
+    distances (K, rows, cols): one layer a facing, or a single one for all.
+    """
     found = start.copy()
     weight = 1.0 / (_DEPENDENT * _RANGE_M**2)
     matrix, gradient = np.zeros((3, 3)), np.zeros(3)
     for scale_m in scales_m:
         matrix[:], gradient[:] = 0.0, 0.0
-        _accumulate(distances, resolution_m, points, found, scale_m, matrix, gradient)
+        _accumulate(distances, resolution_m, points, facings, found, scale_m, matrix, gradient)
         away = found - start
         away[2] = (away[2] + math.pi) % (2.0 * math.pi) - math.pi
         damped = weight * matrix + held
@@ -191,7 +160,7 @@ def _gauss_newton(
         moved, turned = max(math.hypot(step[0], step[1]), 1e-12), max(abs(step[2]), 1e-12)
         found -= min(1.0, _STEP_M / moved, _STEP_RAD / turned) * step
     matrix[:], gradient[:] = 0.0, 0.0
-    hits = _accumulate(distances, resolution_m, points, found, scales_m[-1], matrix, gradient)
+    hits = _accumulate(distances, resolution_m, points, facings, found, scales_m[-1], matrix, gradient)
     return found, weight * matrix + held, hits
 
 
@@ -200,6 +169,7 @@ def _accumulate(
     distances: Distances,
     resolution_m: float,
     points: FloatArray,
+    facings: FloatArray,
     pose: FloatArray,
     scale_m: float,
     matrix: FloatArray,
@@ -210,10 +180,11 @@ def _accumulate(
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     for n in range(points.shape[0]):
         rx, ry = cos * points[n, 0] - sin * points[n, 1], sin * points[n, 0] + cos * points[n, 1]
-        d, gx, gy = distance_at(distances, (pose[0] + rx) / resolution_m, (pose[1] + ry) / resolution_m)
+        layer = facing_layer(facings[n] + pose[2]) if distances.shape[0] > 1 else 0
+        d, gx, gy = distance_at(distances[layer], (pose[0] + rx) / resolution_m, (pose[1] + ry) / resolution_m)
         if d >= 4.0 * scale_m:
             continue
-        hits += d <= _HIT_M
+        hits += d <= HIT_M
         gx, gy = gx / resolution_m, gy / resolution_m
         robust = 1.0 / (1.0 + (d / scale_m) ** 2) ** 2
         jacobian = (gx, gy, gy * rx - gx * ry)
@@ -229,43 +200,7 @@ def _refine_each(
     distances: Distances, resolution_m: float, points: FloatArray, poses: FloatArray, scales_m: FloatArray
 ) -> FloatArray:
     refined = np.empty_like(poses)
-    held = np.zeros((3, 3))
+    held, facings = np.zeros((3, 3)), np.zeros(points.shape[0])
     for k in range(poses.shape[0]):
-        refined[k] = _gauss_newton(distances, resolution_m, points, poses[k], scales_m, held)[0]
+        refined[k] = _gauss_newton(distances, resolution_m, points, facings, poses[k], scales_m, held)[0]
     return refined
-
-
-@njit(cache=True, nogil=True)
-def _count(
-    distances: Distances, states: States, resolution_m: float, starts: FloatArray, ends: FloatArray
-) -> NDArray[np.int64]:
-    """Return the numbers of hits, near, astray, unknown and through; starts, ends (N, 2) in cells."""
-    counts = np.zeros(5, np.int64)
-    rows, cols = states.shape
-    for n in range(ends.shape[0]):
-        col, row = math.floor(ends[n, 0]), math.floor(ends[n, 1])
-        inside = 0 <= col < cols and 0 <= row < rows
-        d = distances[row, col] if inside else FAR_M
-        if d <= _HIT_M:
-            counts[0] += 1
-        elif not inside or states[row, col] == UNKNOWN:
-            counts[3] += 1
-        elif d > _AGAINST_M:
-            counts[2] += 1
-        else:
-            counts[1] += 1
-        dx, dy = ends[n, 0] - starts[n, 0], ends[n, 1] - starts[n, 1]
-        length = math.hypot(dx, dy)
-        steps = int(length - _AGAINST_M / resolution_m)
-        touched = False
-        for step in range(steps):
-            x, y = starts[n, 0] + dx * (step + 0.5) / length, starts[n, 1] + dy * (step + 0.5) / length
-            col, row = math.floor(x), math.floor(y)
-            if not (0 <= col < cols and 0 <= row < rows):
-                break
-            if states[row, col] == WALL:
-                touched = True
-            elif touched and distances[row, col] > _BEHIND_M:
-                counts[4] += 1
-                break
-    return counts

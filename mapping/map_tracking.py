@@ -12,14 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping import se2
-from mapping.map_matching import judge, refine
+from mapping.map_matching import refine
+from mapping.place_evidence import Evidence, judge
 from mapping.reference_map import ReferenceMap
 from mapping.relocalisation import Located, RelocalisationSettings, Relocaliser
+from mapping.surface import facings_of
 
 FloatArray = NDArray[np.float64]
 
 _SCALES_M = (0.2, 0.15, 0.1, 0.1)
 _MOST_POINTS = 360
+_LEAST_SHARE = 0.2  # of the points on walls that the map is taken to know at the least
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,18 +88,16 @@ class MapTracker:
         self._moved[:] = 0.0
         step = -(-len(points_body) // _MOST_POINTS) if len(points_body) else 1
         points = np.ascontiguousarray(points_body[::step], dtype=np.float64)
-        fit = refine(
-            self._map.walls,
-            points,
-            self._pose,
-            scales_m=_SCALES_M,
-            prior=np.asarray(np.linalg.inv(self._covariance), dtype=np.float64),
-        )
-        evidence = judge(self._map.walls, points, np.broadcast_to(self._sensor, points.shape).copy(), fit.pose)
+        facings_rad = facings_of(points, self._sensor)
+        origins = np.broadcast_to(self._sensor, points.shape).copy()
+        trust = _trust(judge(self._map.faces, points, facings_rad, origins, self._pose))
+        prior = np.asarray(np.linalg.inv(trust * self._covariance), dtype=np.float64)
+        fit = refine(self._map.faces, points, facings_rad, self._pose, scales_m=_SCALES_M, prior=prior)
+        evidence = judge(self._map.faces, points, facings_rad, origins, fit.pose)
         objection = self._objection(fit.pose, evidence.known, evidence.hit_share, evidence.contradiction)
         if objection is None:
             self._pose = fit.pose
-            self._covariance = np.asarray(np.linalg.inv(fit.information), dtype=np.float64)
+            self._covariance = np.asarray(np.linalg.inv(trust * fit.information), dtype=np.float64)
             self._unseen[:] = 0.0
             self.reason = f"{evidence.hit_share:.0%} of {evidence.known} points on walls"
         else:
@@ -192,6 +193,15 @@ class MapLocaliser:
         if found is not None:
             self._tracker = MapTracker(self._map, found, self._tracking, self._sensor)
         return found
+
+
+def _trust(expected: Evidence) -> float:
+    """Return how much the points of a scan count, 0..1: those of one or two walls err alike, and so do the next scan's.
+
+    A wall of the map lies up to half a cell beside the true one. Where the map knows all that is seen, many walls make
+    up for that; where it knows little, the odometry knows better. expected: what the points say where it predicts them.
+    """
+    return float(max(expected.hits / max(expected.points, 1), _LEAST_SHARE) ** 2)
 
 
 def _turned(covariance: FloatArray, turn_rad: float) -> FloatArray:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from mapping import se2
 from mapping.global_search import MOST_POINTS_EVERYWHERE, search_everywhere
 from mapping.local_cloud import LocalCloud, Sighting
-from mapping.map_matching import Evidence, Fit, covariance_of, judge, refine, structure
+from mapping.map_matching import Fit, covariance_of, refine, structure
+from mapping.place_evidence import Evidence, judge
 from mapping.reference_map import ReferenceMap
 
 FloatArray = NDArray[np.float64]
@@ -35,10 +36,11 @@ class RelocalisationSettings:
     cloud_m: driving whose points are searched for, and short_cloud_m where those do not fit: what was seen may be bent,
     or not all be there any more. range_m: points farther away are left out. try_every_m, try_every_rad: driving between
     searches. least_score, least_share, places: see global_search. min_points: seen (about 0.1 m of wall each).
-    min_known: share of all points that lie where the map knows something. min_hits: share on walls. max_contradiction:
-    share in free space or seen through walls. max_rival: the second-best place's support at the most, as a share of the
-    best one's. min_structure: see map_matching.structure. confirm_m: so far apart are the searches that must agree,
-    within agree_m and agree_rad, and at least min_new points seen in between must fit as well. sure_*: enough at once.
+    min_known: share of all points that lie where the map knows something, least_known: and how many. min_hits: share on
+    walls. max_contradiction: share in free space or seen through walls. max_rival: the second-best place's support at
+    the most, as a share of the best one's. min_structure: see map_matching.structure. confirm_m: so far apart are the
+    searches that must agree, within agree_m and agree_rad, and at least min_new points seen in between must fit as
+    well. sure_*: enough at once.
     """
 
     cloud_m: float = 8.0
@@ -50,7 +52,8 @@ class RelocalisationSettings:
     least_share: float = 0.7
     places: int = 8
     min_points: int = 150
-    min_known: float = 0.6
+    min_known: float = 0.45
+    least_known: int = 90
     min_hits: float = 0.7
     max_contradiction: float = 0.2
     max_rival: float = 0.75
@@ -152,7 +155,7 @@ class Relocaliser:
             self.reason = f"seen once, to be confirmed {self._settings.confirm_m:g} m on: {why}"
             return None
         new = seen.driven_m > found_before
-        fresh = judge(self._map.walls, seen.points[new], seen.origins[new], best.fit.pose)
+        fresh = judge(self._map.faces, seen.points[new], seen.facings_rad[new], seen.origins[new], best.fit.pose)
         if fresh.known < self._settings.min_new or not self._fits(fresh):
             self.reason = f"what was seen since does not confirm it: {_in_words(fresh)}"
             return None
@@ -166,7 +169,7 @@ class Relocaliser:
         if not places:
             return f"no place on the map explains {rule.least_score:.0%} of what is seen"
         best = places[0].evidence
-        if best.known < max(rule.min_known * best.points, 1):
+        if best.known < max(rule.min_known * best.points, rule.least_known):
             return f"only {best.known} of {best.points} points lie where the map knows something"
         if not self._fits(best):
             return f"the best place does not fit: {_in_words(best)}"
@@ -227,12 +230,13 @@ def find_places(reference: ReferenceMap, seen: Sighting, settings: Relocalisatio
         apart_rad=_APART_RAD,
         where=reference.standing,
     )
-    chosen = _every_nth(seen.points, _REFINE_POINTS)
+    chosen, facings_rad = _every_nth(seen.points, _REFINE_POINTS), _every_nth(seen.facings_rad, _REFINE_POINTS)
     places: list[Place] = []
     for peak in peaks:
-        fit = refine(reference.walls, chosen, peak.pose)
+        fit = refine(reference.faces, chosen, facings_rad, peak.pose)
         if not any(_is_same(fit.pose, place.fit.pose) for place in places):
-            places.append(Place(fit, judge(reference.walls, seen.points, seen.origins, fit.pose)))
+            evidence = judge(reference.faces, seen.points, seen.facings_rad, seen.origins, fit.pose)
+            places.append(Place(fit, evidence))
     return sorted(places, key=lambda place: -place.support)
 
 
@@ -241,7 +245,7 @@ def _is_same(a: FloatArray, b: FloatArray) -> bool:
 
 
 def _every_nth(points: FloatArray, most: int) -> FloatArray:
-    """Return at most so many of the points, evenly picked."""
+    """Return at most so many of the points (N, ...), evenly picked."""
     if len(points) <= most:
         return points
     return points[np.linspace(0, len(points) - 1, most).astype(np.int64)]

@@ -57,6 +57,25 @@ def surface_of(points: FloatArray, sensor: FloatArray) -> Surface:
     return Surface(points[some], angles[some], ranges[some], normals[some], levels[some], reaches[some])
 
 
+def facings_of(points: FloatArray, sensor: FloatArray) -> FloatArray:
+    """Return where the surface at each point (N, 2) of a scan seen from sensor (2,) faces: (N,) in rad.
+
+    That is the direction of the wall's normal, towards the sensor's side; where there is no straight wall, the
+    direction to the sensor.
+    """
+    rays = points - sensor
+    angles = np.arctan2(rays[:, 1], rays[:, 0])
+    order = np.argsort(angles, kind="stable")
+    sorted_points = np.ascontiguousarray(points[order], dtype=np.float64)
+    spacing = float(np.median(np.diff(angles[order]))) if len(points) > 2 else 0.0
+    ranges = np.hypot(rays[order, 0], rays[order, 1])
+    normals = _fit_lines(sorted_points, ranges, np.asarray(sensor, dtype=np.float64), spacing)[0]
+    straight = (normals != 0.0).any(axis=1)
+    facings = np.empty(len(points))
+    facings[order] = np.where(straight, np.arctan2(normals[:, 1], normals[:, 0]), angles[order] + np.pi)
+    return facings
+
+
 def share_across(normals: FloatArray) -> float:
     """Return the share, 0 to 0.5, of walls with normals (N, 2) that stand across the others: 0 in a plain corridor."""
     weak, strong = np.linalg.eigvalsh(normals.T @ normals)

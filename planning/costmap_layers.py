@@ -83,7 +83,7 @@ def distances_m(mask: Mask, cell_m: float, most_m: float) -> Distances:
     return distances
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def _to_metres(cells: Distances, cell_m: float, most_m: float) -> None:
     """Scale distances in place; OpenCV's roots may differ in their last bit from one size of map to another."""
     rows, cols = cells.shape
@@ -108,7 +108,7 @@ def connected(passable: Mask) -> tuple[int, Regions]:
     return count, np.asarray(regions, np.int32)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, nogil=True)
 def route_costs(
     to_blocked_m: Distances, unseen: Mask, passable_m: float, inradius_m: float, unseen_cost: float
 ) -> NDArray[np.float32]:

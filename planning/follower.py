@@ -7,7 +7,6 @@ pure pursuit for robot path tracking" (2023), whose names are used: lookahead, c
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass, fields, replace
 from enum import Enum
 
@@ -15,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.vehicle import DriveCommand
-from mapping import se2
 from planning.errors import PlanningError
 from planning.path import Path
+from planning.pursuit import PursuitRule, Stretch, curvature_1pm, regulated_mps, spot_of, way_on
 
 FloatArray = NDArray[np.float64]
-_WAY_STEP_M = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,10 +100,13 @@ class Follower:
             raise PlanningError("a path without poses cannot be followed: plan first")
         self._settings = settings
         self._path = path
+        # Copies: compiled code is compiled once more for arrays that are read-only.
+        self._poses, self._speeds = (np.array(array, dtype=np.float64) for array in (path.poses, path.speed_mps))
         steps = np.diff(path.poses, axis=0)
         self._marks = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
         self._ends = [*path.cusps.tolist(), len(path.poses) - 1]
-        self._begin = 0  # first pose of the stretch that is driven
+        self._stretch = self._stretch_from(0)  # that is driven
+        self._rule = PursuitRule(*(getattr(settings, name) for name in PursuitRule._fields))
         self._at_m = 0.0
         self._stood_s: float | None = None  # since when the car has stood at the stretch's end
         self._reached = False
@@ -125,87 +126,43 @@ class Follower:
 
         The steering is taken to follow at once. The follower stays as it is.
         """
-        ghost = copy(self)
-        poses, driven_m, gear = [pose], 0.0, int(self._path.direction[self._begin])
-        while driven_m < reach_m:
-            step = ghost.step(poses[-1], speed_mps, 0.0, clearance_m)
-            if step.status is not FollowerStatus.driving or step.command.speed_mps == 0.0:
-                break
-            speed_mps = step.command.speed_mps
-            way_m = gear * _WAY_STEP_M
-            poses.append(se2.compose(poses[-1], se2.exp(np.array([way_m, 0.0, way_m * step.command.curvature_1pm]))))
-            driven_m += _WAY_STEP_M
-        return np.array(poses)
+        start = np.array(pose, dtype=np.float64)
+        if self._reached:
+            return start[np.newaxis]
+        path, motion = (self._poses, self._marks, self._speeds), (float(speed_mps), reach_m, clearance_m)
+        return way_on(path, self._stretch, self._at_m, self._rule, start, motion)
 
     def step(self, pose: FloatArray, speed_mps: float, now_s: float, clearance_m: float = math.inf) -> FollowerStep:
         """Return what to command at a pose (3,) in the map frame; clearance_m: from the car's edge to what is near.
 
         pose and speed should be those at which the command takes hold (motion_prediction).
         """
-        gear = int(self._path.direction[self._begin])
-        along_m, across_m, heading_rad, beyond = self._place(pose, gear)
-        remaining_m = float(self._marks[-1]) - along_m
-        self._reached = self._reached or beyond
+        pose, stretch = np.array(pose, dtype=np.float64), self._stretch
+        spot = spot_of(self._poses, self._marks, stretch, self._at_m, self._rule, pose)
+        self._at_m, off = spot.along_m, (spot.across_m, spot.turned_rad)
+        self._reached = self._reached or spot.at_end
         if self._reached:
-            return self._at_end(pose, speed_mps, now_s, (across_m, heading_rad))
-        curvature = self._curvature(pose, self._begin, along_m, speed_mps)
-        lost = self._lost(across_m, heading_rad)
+            return self._at_end(pose, speed_mps, now_s, off)
+        remaining_m = float(self._marks[-1]) - self._at_m
+        curvature = self._curvature(pose, stretch, self._at_m, speed_mps)
+        lost = self._lost(*off)
         if lost:
             command = DriveCommand(0.0, curvature)
-            return FollowerStep(command, FollowerStatus.off_path, across_m, heading_rad, along_m, remaining_m, lost)
-        speed = gear * self._speed(along_m, curvature, clearance_m)
-        command = DriveCommand(speed, curvature)
-        return FollowerStep(command, FollowerStatus.driving, across_m, heading_rad, along_m, remaining_m)
+            return FollowerStep(command, FollowerStatus.off_path, *off, self._at_m, remaining_m, lost)
+        speed = regulated_mps(self._marks, self._speeds, self._at_m, curvature, clearance_m, self._rule)
+        command = DriveCommand(stretch.gear * speed, curvature)
+        return FollowerStep(command, FollowerStatus.driving, *off, self._at_m, remaining_m)
 
-    def _end(self, begin: int) -> int:
-        """Return the last pose of the stretch that begins at a pose."""
-        return next((int(end) for end in self._ends if end > begin), len(self._path.poses) - 1)
+    def _stretch_from(self, begin: int) -> Stretch:
+        """Return the stretch that begins at a pose."""
+        end = next((int(end) for end in self._ends if end > begin), len(self._path.poses) - 1)
+        return Stretch(begin, end, int(self._path.direction[begin]))
 
-    def _place(self, pose: FloatArray, gear: int) -> tuple[float, float, float, bool]:
-        """Find the car on its stretch: metres along the path, beside it, turned from it, and whether at its end."""
-        begin, end, rule = self._begin, self._end(self._begin), self._settings
-        low_m, high_m = self._at_m - rule.window_m, self._at_m + rule.window_m
-        first = max(begin, int(np.searchsorted(self._marks, low_m)))
-        last = min(end, int(np.searchsorted(self._marks, high_m)))
-        near = self._path.poses[first : last + 1]
-        n = first + int(np.argmin((near[:, 0] - pose[0]) ** 2 + (near[:, 1] - pose[1]) ** 2))
-        x, y, yaw = se2.between(self._path.poses[n], pose).tolist()  # the car as the path's pose sees it
-        along_m = float(np.clip(self._marks[n] + gear * x, self._marks[begin], self._marks[end]))
-        self._at_m = max(self._at_m, along_m)
-        beyond = n == end and gear * x >= -rule.reached_m
-        return self._at_m, gear * y, yaw, beyond
-
-    def _carrot(self, begin: int, along_m: float, lookahead_m: float) -> tuple[float, float]:
-        """Return the point on a stretch to steer for; beyond its end on the straight line that goes on from it."""
-        marks, poses, end = self._marks, self._path.poses, self._end(begin)
-        gear = int(self._path.direction[begin])
-        at_m = along_m + lookahead_m
-        over_m = max(0.0, at_m - float(marks[end]))
-        stretch = slice(begin, end + 1)
-        x = float(np.interp(at_m, marks[stretch], poses[stretch, 0]))
-        y = float(np.interp(at_m, marks[stretch], poses[stretch, 1]))
-        yaw = float(poses[end, 2])
-        return x + gear * over_m * math.cos(yaw), y + gear * over_m * math.sin(yaw)
-
-    def _curvature(self, pose: FloatArray, begin: int, along_m: float, speed_mps: float) -> float:
-        """Return the curvature of the circle through the car, tangent to it, and the carrot."""
-        rule = self._settings
-        wanted_m = rule.lookahead_s * max(abs(speed_mps), rule.least_mps)
-        lookahead_m = min(max(wanted_m, rule.least_lookahead_m), rule.most_lookahead_m)
-        x, y = self._carrot(begin, along_m, lookahead_m)
-        dx, dy = x - float(pose[0]), y - float(pose[1])
-        sideways_m = -math.sin(pose[2]) * dx + math.cos(pose[2]) * dy
-        curvature = 2.0 * sideways_m / max(dx * dx + dy * dy, 1e-6)
-        return min(max(curvature, -rule.curvature_limit_1pm), rule.curvature_limit_1pm)
-
-    def _speed(self, along_m: float, curvature_1pm: float, clearance_m: float) -> float:
-        """Return the regulated speed, without its sign."""
-        rule = self._settings
-        speed = float(np.interp(along_m, self._marks, self._path.speed_mps))
-        # The path's own curve may be tighter than the one to the carrot.
-        speed *= min(1.0, 1.0 / max(abs(curvature_1pm) * rule.slow_radius_m, 1e-9))
-        speed *= min(1.0, max(clearance_m, 0.0) / rule.near_m)
-        return max(speed, rule.least_mps)
+    def _curvature(self, pose: FloatArray, stretch: Stretch, along_m: float, speed_mps: float) -> float:
+        """Return the curvature to the carrot; 0 on a path of a single pose."""
+        if stretch.begin == stretch.end:
+            return 0.0
+        return curvature_1pm(self._poses, self._marks, stretch, along_m, float(speed_mps), self._rule, pose)
 
     def _lost(self, across_m: float, heading_rad: float) -> str:
         """Return why the car cannot be on its way, empty where it is."""
@@ -219,10 +176,11 @@ class Follower:
 
     def _at_end(self, pose: FloatArray, speed_mps: float, now_s: float, off: tuple[float, float]) -> FollowerStep:
         """Stand at the stretch's end; once the car stands and the wheels have turned, take up the next stretch."""
-        end, rule = self._end(self._begin), self._settings
+        end, rule = self._stretch.end, self._settings
         is_last = end == len(self._path.poses) - 1
         # The wheels turn to where the next stretch begins while the car stands.
-        curvature = 0.0 if is_last else self._curvature(pose, end, float(self._marks[end]), 0.0)
+        beyond_m = float(self._marks[end])
+        curvature = 0.0 if is_last else self._curvature(pose, self._stretch_from(end), beyond_m, 0.0)
         if abs(speed_mps) > rule.standing_mps:
             self._stood_s = None
         elif self._stood_s is None:
@@ -233,6 +191,6 @@ class Follower:
             status = FollowerStatus.arrived if stands else FollowerStatus.driving
         self._at_m = float(self._marks[end])
         if stands and not is_last:
-            self._begin, self._stood_s, self._reached = end, None, False
+            self._stretch, self._stood_s, self._reached = self._stretch_from(end), None, False
         remaining_m = float(self._marks[-1]) - self._at_m
         return FollowerStep(DriveCommand(0.0, curvature), status, *off, self._at_m, remaining_m)

@@ -27,7 +27,7 @@ def is_free(
 ) -> bool:
     """Whether the car at a pose touches no blocked cell and lies inside the grid."""
     cos, sin = math.cos(yaw), math.sin(yaw)
-    low_x, high_x, low_y, high_y = _bounds(corners, x, y, cos, sin)
+    low_x, high_x, low_y, high_y = bounds(corners, x, y, cos, sin)
     rows, cols = blocked.shape
     if not (low_x >= 0.0 and low_y >= 0.0 and high_x <= cols * cell_m and high_y <= rows * cell_m):
         return False
@@ -41,7 +41,7 @@ def is_free(
         j, last = int(low_x / cell_m), min(math.ceil(high_x / cell_m), cols) - 1
         while j <= last:
             if blocked[i, j]:
-                if _separation_m(corners, cos, sin, (j + 0.5) * cell_m - x, (i + 0.5) * cell_m - y, half) < 0.0:
+                if separation_m(corners, cos, sin, (j + 0.5) * cell_m - x, (i + 0.5) * cell_m - y, half) < 0.0:
                     return False
                 j += 1
             else:
@@ -85,7 +85,7 @@ def free_length_m(
     if far_m > reach_m:
         return far_m
     cos, sin = math.cos(yaw), math.sin(yaw)
-    low_x, high_x, low_y, high_y = _bounds(corners, x, y, cos, sin)
+    low_x, high_x, low_y, high_y = bounds(corners, x, y, cos, sin)
     best: float = min(low_x, width_m - high_x, low_y, height_m - high_y)
     if not best >= 0.0:
         return -1.0
@@ -99,7 +99,7 @@ def free_length_m(
             if not blocked[i, j]:
                 j += max(1, int(distance_m[i, j] / cell_m))
                 continue
-            apart = _separation_m(corners, cos, sin, (j + 0.5) * cell_m - x, (i + 0.5) * cell_m - y, half)
+            apart = separation_m(corners, cos, sin, (j + 0.5) * cell_m - x, (i + 0.5) * cell_m - y, half)
             apart = max(apart, above, j * cell_m - high_x, low_x - (j + 1) * cell_m)
             if apart < 0.0:
                 return -1.0
@@ -142,7 +142,7 @@ def clearance_m(occupied: Mask, distance_m: Distances, cell_m: float, poses: Flo
 
 
 @numba.njit(cache=True)
-def _bounds(corners: FloatArray, x: float, y: float, cos: float, sin: float) -> tuple[float, float, float, float]:
+def bounds(corners: FloatArray, x: float, y: float, cos: float, sin: float) -> tuple[float, float, float, float]:
     """Return the least and greatest x and y of the car."""
     low_x = high_x = x + cos * corners[0, 0] - sin * corners[0, 1]  # not infinite: a pose that is no number stays none
     low_y = high_y = y + sin * corners[0, 0] + cos * corners[0, 1]
@@ -174,7 +174,7 @@ def _room(
 
 
 @numba.njit(cache=True)
-def _separation_m(corners: FloatArray, cos: float, sin: float, dx: float, dy: float, half: float) -> float:
+def separation_m(corners: FloatArray, cos: float, sin: float, dx: float, dy: float, half: float) -> float:
     """Return how far a square, centred (dx, dy) from base_link in the grid's axes, lies outside the side it is most.
 
     Below 0 where no side separates the two; never more than their distance.
@@ -197,9 +197,9 @@ def _distance_to_square_m(corners: FloatArray, cos: float, sin: float, dx: float
 
     Of two convex shapes that do not touch, a corner of the one or of the other is nearest.
     """
-    low_x, high_x, low_y, high_y = _bounds(corners, 0.0, 0.0, cos, sin)
+    low_x, high_x, low_y, high_y = bounds(corners, 0.0, 0.0, cos, sin)
     beside = max(dx - half - high_x, low_x - dx - half, dy - half - high_y, low_y - dy - half)
-    if beside <= 0.0 and _separation_m(corners, cos, sin, dx, dy, half) <= 0.0:
+    if beside <= 0.0 and separation_m(corners, cos, sin, dx, dy, half) <= 0.0:
         return 0.0
     best, count = math.inf, len(corners)
     for k in range(count):

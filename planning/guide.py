@@ -65,7 +65,7 @@ def refresh_guide(
     _pool(route_cost, distance_m, cell_m, factor, scraping_m, guide.cost, guide.room_m, guide.anchors, part)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _pool(
     route_cost: Costs,
     distance_m: Distances,

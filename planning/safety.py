@@ -58,11 +58,12 @@ class SafeCommand:
 
 
 class SafetyStage:
-    """Begins standing. emergency_stop() holds until release()."""
+    """Begins standing. emergency_stop() holds until release(), hold() until its reason is gone."""
 
     def __init__(self, limits: SafetyLimits = SafetyLimits()) -> None:
         self._limits = limits
         self._emergency = ""
+        self._held = ""
         self._last_s: float | None = None
         self._last_mps = 0.0
         self._curvature = 0.0
@@ -79,6 +80,10 @@ class SafetyStage:
     def release(self) -> None:
         """End the emergency stop."""
         self._emergency = ""
+
+    def hold(self, reason: str) -> None:
+        """Let nothing but standstill through while there is a reason, such as a vehicle that is not ready; "": none."""
+        self._held = reason
 
     def step(self, wanted: DriveCommand, stamps: Stamps, now_s: float) -> SafeCommand:
         """Return what may go to the vehicle now."""
@@ -103,6 +108,8 @@ class SafetyStage:
         """Return why the car must stand, empty where it may drive."""
         if self._emergency:
             return f"emergency stop: {self._emergency}"
+        if self._held:
+            return self._held
         rule = self._limits
         for name, stamp_s, most_s in (
             ("pose", stamps.pose_s, rule.pose_age_s),

@@ -21,6 +21,8 @@ WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 COMPILED = PROJECT_ROOT / ".pytest_cache" / "numba"
 if WORKER is not None:
     os.environ["NUMBA_CACHE_DIR"] = str(COMPILED)
+    # They share the cores too: threads of one that spin while the other's compute made learning take 20 times as long.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 # No deadline and no speed check: a shared host may stall for a moment, and that is no fault of the code.
 settings.register_profile("local", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])

@@ -1,72 +1,38 @@
-"""From scans to drive commands on a saved map: place, map of today, plan, follower, look ahead, safety stage.
+"""From scans to drive commands: place, map of today, plan, follower, look ahead, safety stage.
 
 No clock and no link: whoever has them tells scans and times and sends what comes out, on a car or in the simulator.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from enum import Enum
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from drivers.vehicle import STANDSTILL, DriveCommand
-from mapping import se2
-from mapping.changing_map import ChangingMap
 from mapping.grid import OccupancyGrid
-from mapping.map_tracking import MapTracker, TrackingSettings
-from mapping.reference_map import reference_map
 from mapping.relocalisation import Located
-from mapping.sensor_models import LidarModel
 from mapping.slam import MappedScan
-from planning.collision import LookAheadSettings, contact_at
-from planning.costmap import Costmap, UnknownSpace, costmap
-from planning.costmap_update import Window, update
-from planning.follower import Follower, FollowerSettings, FollowerStatus, FollowerStep
-from planning.motion_prediction import MotionModel, MotionPrediction
-from planning.path import Path, SpeedLimits
-from planning.plan import PlanResult
-from planning.safety import SafeCommand, SafetyLimits, SafetyStage, Stamps
+from planning.follower import FollowerStatus, FollowerStep
+from planning.motion_prediction import MotionPrediction
+from planning.path import Path
+from planning.safety import SafeCommand, SafetyStage, Stamps
 from planning.vehicle import Vehicle
+from tools.drive_planning import DrivePlanning, NextPath
+from tools.drive_settings import AutopilotSettings
+from tools.drive_status import ENDS, NOWHERE, AutopilotState, Situation, words_of
+from tools.map_of_today import Ground, Place, SavedGround, Sight
+from tools.path_following import Following
+from tools.path_search import PathSearch
+
+__all__ = ["Autopilot", "AutopilotSettings", "AutopilotState", "Drive"]
 
 FloatArray = NDArray[np.float64]
-_SAME_PLACE_M = 0.05
-PlanPath = Callable[[Costmap, FloatArray, FloatArray], PlanResult]
-"""(Costmap, start (3,), goal (3,)) to a plan."""
-
-
-class AutopilotState(str, Enum):
-    """What it is doing; no_way: there is no path to the goal as things stand."""
-
-    locating = "locating"
-    planning = "planning"
-    driving = "driving"
-    arrived = "arrived"
-    no_way = "no_way"
-
-
-@dataclass(frozen=True, slots=True)
-class AutopilotSettings:
-    """margins_m: room to keep from walls, the first that leaves a path counts. check_m: how far ahead the path is
-    checked on the map of today, with at least check_margin_m. pause_s: standing before a new plan, so that several
-    scans see what is in the way; tries: plans in one place that lead nowhere before it gives up. obstacle_range_m: what
-    is farther away is not taken for something new: a degree of heading is 7 cm there.
-    """
-
-    margins_m: tuple[float, ...] = (0.04, 0.02, 0.0)
-    check_m: float = 2.5
-    pause_s: float = 0.6
-    tries: int = 3
-    obstacle_range_m: float = 4.0
-    unknown: UnknownSpace = UnknownSpace.forbidden
-    speed: SpeedLimits = SpeedLimits()
-    motion: MotionModel = MotionModel()
-    follower: FollowerSettings = FollowerSettings()
-    look_ahead: LookAheadSettings = LookAheadSettings()
-    safety: SafetyLimits = SafetyLimits()
-    tracking: TrackingSettings = TrackingSettings()
+NO_OFFSET = np.zeros(2)
+_STUCK_S = 1.0
+_USUAL = AutopilotSettings()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,39 +45,50 @@ class Drive:
 
 
 class Autopilot:
-    """Drives to one goal (3,) on a saved map; guess (3,): where about the car stands at the beginning.
+    """Drives to goals (3,) one after another, on a saved map or on other ground.
 
-    sensor (2,): the laser's place on the body. `drives` and `notes` tell what happened, with times in s.
+    Of a saved map: sensor (2,), the laser's place on the body, and guess (3,), where about the car stands; None: the
+    car looks for its place itself. One thread may add scans while another ticks: a tick waits neither for matching nor
+    for planning. All that drives belongs to the tick; scans come over as one object that does not change. `drives` and
+    `notes` tell what happened, with times in s; goal_number counts from 0.
     """
 
     def __init__(
         self,
-        saved: OccupancyGrid,
+        ground: OccupancyGrid | Ground,
         vehicle: Vehicle,
-        guess: FloatArray,
-        goal: FloatArray,
-        plan_path: PlanPath,
-        sensor: FloatArray,
-        settings: AutopilotSettings = AutopilotSettings(),
+        goals: Sequence[FloatArray],
+        search: PathSearch,
+        sensor: FloatArray = NO_OFFSET,
+        settings: AutopilotSettings = _USUAL,
+        guess: FloatArray | None = None,
     ) -> None:
+        if len(goals) == 0:
+            raise ValueError("no goal to drive to: give at least one")
         self.safety = SafetyStage(settings.safety)
         self.state = AutopilotState.locating
         self.drives: list[Drive] = []
         self.notes: list[tuple[float, str]] = []
         self.step: FollowerStep | None = None
-        self.place: Located | None = None
-        self._settings, self._goal, self._plan_path, self._sensor = settings, goal, plan_path, sensor
-        self._locating = _Locating(saved, guess, sensor, settings.tracking)
-        self._map = ChangingMap(saved, LidarModel(max_range_m=settings.obstacle_range_m))
-        self._costmap = costmap(self._map.grid(), replace(vehicle, margin_m=settings.margins_m[0]), settings.unknown)
+        self.goal_number = 0
+        if isinstance(ground, OccupancyGrid):
+            ground = SavedGround(ground, vehicle, sensor, settings, guess)
+        self._ground, self._settings = ground, settings
+        self._goals = [np.array(goal, dtype=np.float64) for goal in goals]
+        self._planning = DrivePlanning(search, vehicle, settings, self.notes)
         self._prediction = MotionPrediction(settings.motion)
-        self._follower: Follower | None = None
-        self._left: Follower | None = None
-        self._blocked = ""
-        self._stood_s: float | None = None
-        self._failed = 0
-        self._tried_at: FloatArray | None = None
+        self._sight = Sight(None, "no scan yet")
         self._scan_s: float | None = None
+        self._following: Following | None = None
+        self._left: Following | None = None  # braked on
+        self._ticked_s: float | None = None
+        self._safe = SafeCommand(STANDSTILL, "no command yet", stopped=True)
+
+    @property
+    def place(self) -> Located | None:
+        """Where the car was at the last scan that told."""
+        place = self._sight.place
+        return None if place is None else place.located
 
     def note_scan(self, stamp_s: float) -> None:
         """Take note of a scan that came, whether or not it gives a pose."""
@@ -119,128 +96,98 @@ class Autopilot:
 
     def add_scan(self, mapped: MappedScan) -> None:
         """Take in a scan that was matched."""
-        self.place = place = self._locating.add(mapped)
-        if place is None or place.by_odometry:
-            return
-        if self.state is AutopilotState.locating:
-            self.state = AutopilotState.planning
-        laser = se2.transform_points(place.T_map_base, self._sensor)
-        changed = self._map.add_scan(laser, se2.transform_points(place.T_map_base, mapped.points))
-        if changed is not None:
-            self._costmap = update(self._costmap, self._map.grid(), Window(*changed))
-        if self._follower is not None and not self._blocked:
-            hit = contact_at(self._costmap, self._follower.ahead(self._settings.check_m))
-            if hit is not None:
-                self._blocked = f"something on the path, {0.01 * hit:.1f} m ahead"
-                self.notes.append((place.stamp_ns * 1e-9, self._blocked))
+        sight = self._ground.add(mapped)
+        if sight is not None:
+            self._sight = sight
 
     def tick(self, now_s: float) -> SafeCommand:
         """Return what to send to the vehicle now; call it 20 times a second."""
-        pose_s = None if self.place is None else self.place.stamp_ns * 1e-9
-        wanted = STANDSTILL if self.place is None else self._wanted(self.place, now_s)
-        safe = self.safety.step(wanted, Stamps(pose_s, self._scan_s, now_s), now_s)
+        sight = self._sight
+        place = sight.place
+        self._notice(sight, now_s)
+        wanted = STANDSTILL if place is None else self._wanted(place, now_s)
+        stamps = Stamps(None if place is None else place.stamp_s, self._scan_s, now_s)
+        self._safe = safe = self.safety.step(wanted, stamps, now_s)
+        self._ticked_s = now_s
         self._prediction.tell(now_s, safe.command)
         return safe
 
-    def _wanted(self, place: Located, now_s: float) -> DriveCommand:
+    def status(self, now_s: float) -> str:
+        """Return in one line what the car is doing, why, and how far it has to go; any thread may ask."""
+        if self._ticked_s is not None and now_s - self._ticked_s > _STUCK_S:
+            return f"no command was made for {now_s - self._ticked_s:.1f} s: the drive loop is stuck"
+        sight, step = self._sight, self.step
+        return words_of(
+            Situation(
+                self.state,
+                self.goal_number,
+                len(self._goals),
+                remaining_m=0.0 if step is None else step.remaining_m,
+                place=sight.reason,
+                planning=self._planning.given_up or self._planning.words,
+                by_odometry=sight.place is not None and sight.place.located.by_odometry,
+                safe=self._safe,
+                emergency=self.safety.emergency,
+            )
+        )
+
+    def _notice(self, sight: Sight, now_s: float) -> None:
+        """Find out whether the place was found or lost."""
+        if sight.place is None:
+            if self.state not in (*NOWHERE, *ENDS):
+                self.state = AutopilotState.lost
+                self._following = self._left = None
+                self.notes.append((now_s, f"lost: {sight.reason}"))
+        elif self.state in NOWHERE and not sight.place.located.by_odometry:
+            was_lost = self.state is AutopilotState.lost
+            self.state = AutopilotState.planning
+            self._planning.begin(self._goals[self.goal_number], "found again" if was_lost else "set out")
+
+    def _wanted(self, place: Place, now_s: float) -> DriveCommand:
         soon_s = now_s + self._settings.motion.latency_s
-        pose = self._prediction.pose_at(place.T_map_base, place.stamp_ns * 1e-9, soon_s)
+        pose = self._prediction.pose_at(place.located.T_map_base, place.stamp_s, soon_s)
         speed_mps = self._prediction.speed_mps(soon_s)
-        if self.state in (AutopilotState.arrived, AutopilotState.no_way, AutopilotState.locating):
-            return STANDSTILL
         if self.state is AutopilotState.planning:
-            self._plan_when_standing(pose, speed_mps, now_s)
-        if self._follower is not None:
-            return self._follow(self._follower, pose, speed_mps, now_s)
-        if self._left is not None:  # it brakes on the path that it leaves
-            return DriveCommand(0.0, self._left.step(pose, speed_mps, now_s).command.curvature_1pm)
+            found = self._planning.step(place, pose, speed_mps, now_s)
+            if found is not None:
+                self._set_out(found, now_s)
+            elif self._planning.given_up:
+                self.state = AutopilotState.no_way
+        if self._following is not None:
+            return self._follow(self._following, place, pose, speed_mps, now_s)
+        if self._left is not None and self.state is AutopilotState.planning:
+            return self._left.braking(pose, speed_mps, now_s)
         return STANDSTILL
 
-    def _follow(self, follower: Follower, pose: FloatArray, speed_mps: float, now_s: float) -> DriveCommand:
-        clearance_m = self._costmap.clearance_m(pose[np.newaxis])
-        step = follower.step(pose, speed_mps, now_s, clearance_m)
-        reach_m = self._settings.look_ahead.reach_m(max(abs(speed_mps), abs(step.command.speed_mps)))
-        way = follower.way(pose, speed_mps, reach_m, clearance_m)
-        contact = contact_at(self._costmap, way) if step.command.speed_mps else None
-        if self._blocked:
-            step = step.blocked(self._blocked)
-        elif contact is not None:
-            way_m = float(np.hypot(*np.diff(way[: contact + 1, :2], axis=0).T).sum())
-            step = step.blocked(f"contact in {way_m:.2f} m")
-            self.notes.append((now_s, step.reason))
-        self.step = step
-        if step.status is FollowerStatus.arrived:
-            self.state = AutopilotState.arrived
-        elif step.status in (FollowerStatus.blocked, FollowerStatus.off_path):
-            self._blocked = step.reason
-            self.state, self._stood_s = AutopilotState.planning, None
-            self._follower, self._left = None, follower
+    def _set_out(self, found: NextPath, now_s: float) -> None:
+        self._following, self._left = Following(found.path, self._settings), None
+        self.drives.append(Drive(now_s, found.path, found.reason))
+        self.state = AutopilotState.backing_off if found.backs_off else AutopilotState.driving
+
+    def _follow(
+        self, following: Following, place: Place, pose: FloatArray, speed_mps: float, now_s: float
+    ) -> DriveCommand:
+        self.step = step = following.step(place.near, pose, speed_mps, now_s)
+        if following.blocked:
+            self.notes.append((now_s, following.blocked))
+            self._leave(following)
+            self._planning.again(following.blocked, following.driven)
+        elif step.status is FollowerStatus.arrived:
+            self._arrive(following)
         return step.command
 
-    def _plan_when_standing(self, pose: FloatArray, speed_mps: float, now_s: float) -> None:
-        """Plan once the car has stood long enough for the map of today to be right."""
-        if abs(speed_mps) > self._settings.follower.standing_mps:
-            self._stood_s = None
-            return
-        self._stood_s = now_s if self._stood_s is None else self._stood_s
-        if now_s - self._stood_s < self._settings.pause_s:
-            return
-        path, words = self._plan(pose)
-        tried = self._tried_at is not None and float(np.hypot(*(pose - self._tried_at)[:2])) < _SAME_PLACE_M
-        self._tried_at = pose
-        self._failed = self._failed if tried else 0
-        if path is not None and tried:
-            self._failed += 1  # a path was found here before, and could not be followed
-        if path is not None and self._failed < self._settings.tries:
-            self._follower = Follower(path.at_speed(self._settings.speed), self._settings.follower)
-            self.drives.append(Drive(now_s, path, self._blocked or "set out"))
-            self.state, self._blocked = AutopilotState.driving, ""
-            return
-        self._failed += 1
-        self._stood_s = None
-        self.notes.append((now_s, words or "no path can be followed from here"))
-        if self._failed >= self._settings.tries:
-            self.state = AutopilotState.no_way
+    def _leave(self, following: Following) -> None:
+        self._following, self._left = None, following
+        self.state = AutopilotState.planning
 
-    def _plan(self, pose: FloatArray) -> tuple[Path | None, str]:
-        """Return a path with as much room as there is, or why there is none."""
-        words = ""
-        for margin_m in self._settings.margins_m:
-            vehicle = replace(self._costmap.vehicle, margin_m=margin_m)
-            known = costmap(self._map.grid(), vehicle, self._settings.unknown)
-            result = self._plan_path(known, pose, self._goal)
-            if result.path is not None:
-                self._costmap = known
-                return result.path, ""
-            words = words or result.reason
-        return None, words
-
-
-class _Locating:
-    """Follows the car on the map from a guess, which the first scans make exact."""
-
-    _FIRST = 5
-
-    def __init__(self, saved: OccupancyGrid, guess: FloatArray, sensor: FloatArray, settings: TrackingSettings) -> None:
-        self._map = reference_map(saved)
-        self._guess, self._sensor, self._settings = guess, sensor, settings
-        self._tracker: MapTracker | None = None
-        self._first = 0
-
-    def add(self, mapped: MappedScan) -> Located | None:
-        if not mapped.match.accepted:
-            return None
-        odom = mapped.match.pose
-        if self._tracker is None:
-            spread = np.diag([0.1, 0.1, 0.1]) ** 2
-            T_map_odom = se2.compose(self._guess, se2.inverse(odom))
-            found = Located(mapped.stamp_ns, self._guess, T_map_odom, spread, 0.0, "told")
-            self._tracker = MapTracker(self._map, found, replace(self._settings, step_m=0.0), self._sensor)
-        place = self._tracker.add(mapped.stamp_ns, mapped.points, odom)
-        if self._first < self._FIRST:
-            self._first += 1
-            if self._first < self._FIRST:
-                return None
-            if place is not None:
-                self._tracker = MapTracker(self._map, place, self._settings, self._sensor)
-        return place
+    def _arrive(self, following: Following) -> None:
+        """Go on from the end of a path."""
+        backed_off = self.state is AutopilotState.backing_off
+        self._leave(following)
+        if backed_off:
+            self._planning.again("backed off")
+        elif self.goal_number + 1 < len(self._goals):
+            self.goal_number += 1
+            self._planning.begin(self._goals[self.goal_number], f"goal {self.goal_number} reached")
+        else:
+            self.state = AutopilotState.arrived

@@ -31,8 +31,10 @@ from tools.commands import (
     evaluate,
     evaluate_camera,
     evaluate_drives,
+    evaluate_exploring,
     evaluate_features,
     evaluate_lidar,
+    evaluate_localisation,
     evaluate_plans,
     evaluate_rates,
     evaluate_registration,
@@ -45,7 +47,9 @@ from tools.commands import (
     record,
     replay,
     run,
+    service,
     udev_rule,
+    wheels,
 )
 from tools.errors import ToolError, UsageError
 from tools.exit_codes import ExitCode
@@ -62,7 +66,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("run")(run.run)
+app.command("run", cls=run.WithGoals)(run.run)
 app.command("replay")(replay.replay)
 app.command("record")(record.record)
 app.command("align")(align.align)
@@ -72,7 +76,9 @@ app.command("pairs")(pairs.pairs)
 app.command("learn")(learn.learn)
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
+app.command("service", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})(service.service)
 app.command("udev-rule")(udev_rule.udev_rule)
+app.command("wheels")(wheels.wheels)
 app.add_typer(bench.app, name="bench")
 bench.app.command("depth")(bench_depth.depth)
 bench.app.command("slam")(bench_slam.slam)
@@ -84,6 +90,8 @@ app.add_typer(bag.app, name="bag")
 app.add_typer(evaluate.app, name="evaluate")
 evaluate.app.command("camera")(evaluate_camera.camera)
 evaluate.app.command("drives")(evaluate_drives.drives)
+evaluate.app.command("exploring")(evaluate_exploring.exploring)
+evaluate.app.command("localisation")(evaluate_localisation.localisation)
 evaluate.app.command("features")(evaluate_features.features)
 evaluate.app.command("lidar")(evaluate_lidar.lidar)
 evaluate.app.command("plans")(evaluate_plans.plans)

@@ -29,6 +29,7 @@ from mapping.sensor_models import LidarModel
 from mapping.slam import MappingSettings
 from mapping.virtual_scan import ScanSettings
 from tools.config_section import Section
+from tools.drive_config import DriveSection, VehicleSection
 from tools.errors import UsageError
 from tools.planning_config import PlanningSection
 
@@ -210,6 +211,8 @@ class Config(Section):
     slam: SlamSection = SlamSection()
     grid: GridSection = GridSection()
     planning: PlanningSection = PlanningSection()
+    vehicle: VehicleSection = VehicleSection()
+    drive: DriveSection = DriveSection()
 
     def mapping_settings(self, *, tracked: bool = False) -> MappingSettings:
         """Return what mapping needs of this; tracked: the poses come from elsewhere and are taken as they are."""

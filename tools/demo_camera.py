@@ -18,7 +18,8 @@ from mapping.map_io import read_map
 from mapping.metrics import absolute_trajectory_error
 from mapping.trajectory import Trajectory, read_tum, write_tum
 from tools.config import Config
-from tools.demo_cars import DemoCar, Stopped, run_command
+from tools.demo_cars import DemoCar
+from tools.demo_processes import Stopped, run_command
 from tools.demo_scores import MappedCar, score_alignment, score_common
 from tools.errors import ToolError
 from tools.exit_codes import ExitCode

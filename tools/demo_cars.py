@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-import json
-import queue
 import shlex
-import signal
-import subprocess
-import sys
-import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tools.errors import ToolError
+import numpy as np
+from numpy.typing import NDArray
 
-# The package is found beside this file even where the current folder has one called `tools` too.
-_PROGRAM = f"import sys; sys.path.insert(0, {str(Path(__file__).resolve().parent.parent)!r})"
-_ENTRY = f"{_PROGRAM}; from tools.cli import main; main()"
-_POLL_S = 0.1
-_PATIENCE_S = 300.0  # for each step of starting up, and for saving: a small computer compiles what is compiled first
-_GRACE_S = 20.0
-Stopped = Callable[[], bool]
+from mapping import se2
+from tools.demo_processes import PATIENCE_S, CommandProcess, Stopped, command_processes
+from tools.emulation import Drive
+from tools.errors import ToolError
+from tools.world import TOURS
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class DemoCar:
     """One car of the demo: name, emulated lidar, drive (see `emulate lidar --drive`), cell size of its map.
 
-    motor_pwm sets how fast its lidar turns: 660 is 10 turns a second.
+    motor_pwm sets how fast its lidar turns: 660 is 10 turns a second. goals: poses (x, y, yaw) in the world along the
+    same way, for a car that drives itself.
     """
 
     name: str
@@ -38,6 +32,21 @@ class DemoCar:
     drive: str
     resolution_m: float
     motor_pwm: int = 660
+    goals: tuple[tuple[float, float, float], ...] = ()
+
+    @property
+    def start(self) -> FloatArray:
+        """Where in the world (3,) it starts."""
+        start: FloatArray = Drive.tour(self.drive).truth.poses[0]
+        return start
+
+
+_GOALS_A = ((2.2, 6.9, 1.57), (6.3, 9.6, 0.0), (11.3, 6.3, 0.3))
+_GOALS_B = ((14.4, 10.2, 1.0), (16.1, 6.8, -1.6), (10.0, 5.9, 3.0))
+CARS = (
+    DemoCar("A", "A2M8", "wings-west", 0.04, goals=_GOALS_A),
+    DemoCar("B", "A2M12", "wings-east", 0.05, motor_pwm=792, goals=_GOALS_B),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +59,11 @@ class CarFiles:
     def config(self) -> Path:
         """The car's own settings."""
         return self.folder / "config.yaml"
+
+    @property
+    def lidar(self) -> Path:
+        """The port of its emulated lidar."""
+        return self.folder / "lidar"
 
     @property
     def live(self) -> Path:
@@ -67,81 +81,7 @@ class CarFiles:
         return self.folder / "truth.tum"
 
 
-class _Process:
-    """A command of this program as a process, and its JSON events."""
-
-    def __init__(self, name: str, arguments: Sequence[str]) -> None:
-        self.name = name
-        command = [sys.executable, "-c", _ENTRY, *arguments]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603
-        self._lines: queue.Queue[str] = queue.Queue()
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    @property
-    def code(self) -> int | None:
-        """The exit code; None while it runs."""
-        return self._process.poll()
-
-    def event(self, wanted: str, patience_s: float, watched: Sequence[_Process], stopped: Stopped) -> dict[str, object]:
-        """Wait for an event; raises ToolError if it does not come, or a watched process ends before."""
-        ends_at = time.monotonic() + patience_s
-        while time.monotonic() < ends_at:
-            _check(stopped)
-            try:
-                event: dict[str, object] = json.loads(self._lines.get(timeout=_POLL_S))
-            except queue.Empty:
-                for process in (self, *watched):
-                    if process.code is not None and self._lines.empty():
-                        raise ToolError(
-                            f"{process.name} ended with exit code {process.code} before '{wanted}': see above"
-                        ) from None
-                continue
-            if event["event"] == wanted:
-                return event
-        raise ToolError(f"{self.name}: no '{wanted}' within {patience_s:.0f} s")
-
-    def interrupt(self) -> None:
-        """Press Ctrl-C for it."""
-        if self.code is None:
-            self._process.send_signal(signal.SIGINT)
-
-    def wait(self, patience_s: float, stopped: Stopped) -> int:
-        """Wait for its end and return the exit code; raises ToolError if it takes too long."""
-        ends_at = time.monotonic() + patience_s
-        while self.code is None and time.monotonic() < ends_at:
-            _check(stopped)
-            time.sleep(_POLL_S)
-        if self.code is None:
-            raise ToolError(f"{self.name} did not end within {patience_s:.0f} s")
-        return self.code
-
-    def close(self) -> None:
-        """End it, gently at first."""
-        for end in (self._process.terminate, self._process.kill):
-            if self.code is None:
-                end()
-                try:
-                    self._process.wait(_GRACE_S)
-                except subprocess.TimeoutExpired:
-                    continue
-        self._reader.join()
-        if self._process.stdout is not None:
-            self._process.stdout.close()
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            self._lines.put(line)
-
-
-def run_command(stopped: Stopped, *arguments: str, allowed: Sequence[int] = (0,)) -> int:
-    """Run a command of this program to its end and return its exit code; raises ToolError for one not allowed."""
-    with _processes() as start:
-        code = start(f"mapfuse-robot {arguments[0]}", arguments).wait(10 * _PATIENCE_S, stopped)
-    if code not in allowed:
-        raise ToolError(f"mapfuse-robot {arguments[0]} failed with exit code {code}: see above")
-    return code
+MapLive = Callable[[Sequence[tuple[DemoCar, CarFiles]], int, Stopped, Callable[[str], None]], list[int]]
 
 
 def drive_live(
@@ -151,51 +91,78 @@ def drive_live(
 
     stopped() tells that the user wants to end. Raises ToolError naming the process that failed, KeyboardInterrupt.
     """
-    with _processes() as start:
+    with command_processes() as start:
         emulators, runs = [], []
         for number, (car, files) in enumerate(cars):
             arguments = ["--model", car.model, "--drive", car.drive, "--seed", str(2 * seed + number), "--json"]
-            ends = ["--link", str(files.folder / "lidar"), "--truth", str(files.truth)]
+            ends = ["--link", str(files.lidar), "--truth", str(files.truth)]
             emulators.append(start(f"car {car.name}: emulate lidar", ["emulate", "lidar", *arguments, *ends]))
         for emulator, (car, files) in zip(emulators, cars, strict=True):
-            emulator.event("ready", _PATIENCE_S, (), stopped)
-            files.config.write_text(f"lidar: {{motor_pwm: {car.motor_pwm}}}\n", encoding="utf-8")
-            options = ["--lidar", str(files.folder / "lidar"), "--config", str(files.config)]
-            options += ["--resolution", str(car.resolution_m), "-o", str(files.live)]
+            emulator.event("ready", PATIENCE_S, (), stopped)
+            options = _run_options(car, files)
             say(f"     car {car.name}: mapfuse-robot run {shlex.join(options)}")
             runs.append(start(f"car {car.name}: run", ["-q", "run", *options]))
         seconds = [
-            float(str(emulator.event("departed", _PATIENCE_S, (run,), stopped)["seconds"]))
+            float(str(emulator.event("departed", PATIENCE_S, (run,), stopped)["seconds"]))
             for emulator, run in zip(emulators, runs, strict=True)
         ]
         say(f"     the cars drive for {max(seconds):.0f} s")
         for number, (emulator, run) in enumerate(zip(emulators, runs, strict=True)):
-            emulator.event("arrived", max(seconds) + _PATIENCE_S, runs[number:], stopped)  # the others have ended
+            emulator.event("arrived", max(seconds) + PATIENCE_S, runs[number:], stopped)  # the others have ended
             run.interrupt()
-            if run.wait(_PATIENCE_S, stopped) != 0:
-                raise ToolError(f"{run.name} failed with exit code {run.code}: see above")
-            emulator.interrupt()
-        return [
-            int(str(emulator.event("stopped", _PATIENCE_S, (), stopped)["samples_emitted"])) for emulator in emulators
-        ]
+            _end(run, emulator, stopped)
+        return [_emitted(emulator, stopped) for emulator in emulators]
 
 
-@contextmanager
-def _processes() -> Iterator[Callable[[str, Sequence[str]], _Process]]:
-    """Yield a function that starts processes; all of them have ended when the block is left."""
-    started: list[_Process] = []
+def explore_live(
+    cars: Sequence[tuple[DemoCar, CarFiles]], seed: int, stopped: Stopped, say: Callable[[str], None]
+) -> list[int]:
+    """The same, but the cars drive themselves to their goals, on the maps that they are making."""
+    with command_processes() as start:
+        emulators, runs = [], []
+        for number, (car, files) in enumerate(cars):
+            pose = _words(car.start)
+            place = [
+                "--world",
+                TOURS[car.drive][0],
+                "--pose",
+                *pose,
+                "--model",
+                car.model,
+                "--rover",
+                "udp:127.0.0.1:0",
+            ]
+            ends = ["--lidar-link", str(files.lidar), "--truth", str(files.truth), "--seed", str(2 * seed + number)]
+            emulators.append(start(f"car {car.name}: emulate car", ["emulate", "car", *place, *ends, "--json"]))
+        for emulator, (car, files) in zip(emulators, cars, strict=True):
+            vehicle = str(emulator.event("ready", PATIENCE_S, (), stopped)["vehicle"])
+            options = [*_run_options(car, files), "--vehicle", vehicle]
+            for goal in car.goals:  # on the car's own map, which begins where it starts
+                options += ["--goal", *_words(se2.between(car.start, np.array(goal)))]
+            say(f"     car {car.name}: mapfuse-robot run {shlex.join(options)}")
+            runs.append(start(f"car {car.name}: run", ["-q", "run", *options]))
+        for emulator, run in zip(emulators, runs, strict=True):
+            _end(run, emulator, stopped)
+        return [_emitted(emulator, stopped) for emulator in emulators]
 
-    def start(name: str, arguments: Sequence[str]) -> _Process:
-        started.append(_Process(name, arguments))
-        return started[-1]
 
-    try:
-        yield start
-    finally:
-        for process in reversed(started):
-            process.close()
+def _run_options(car: DemoCar, files: CarFiles) -> list[str]:
+    """Write the car's settings and return what `run` maps it with."""
+    files.config.write_text(f"lidar: {{motor_pwm: {car.motor_pwm}}}\n", encoding="utf-8")
+    options = ["--lidar", str(files.lidar), "--config", str(files.config)]
+    return [*options, "--resolution", str(car.resolution_m), "-o", str(files.live)]
 
 
-def _check(stopped: Stopped) -> None:
-    if stopped():
-        raise KeyboardInterrupt
+def _end(run: CommandProcess, emulator: CommandProcess, stopped: Stopped) -> None:
+    """Wait for a run's end, and end what it mapped; raises ToolError for a run that failed."""
+    if run.wait(PATIENCE_S, stopped) != 0:
+        raise ToolError(f"{run.name} failed with exit code {run.code}: see above")
+    emulator.interrupt()
+
+
+def _emitted(emulator: CommandProcess, stopped: Stopped) -> int:
+    return int(str(emulator.event("stopped", PATIENCE_S, (), stopped)["samples_emitted"]))
+
+
+def _words(pose: FloatArray) -> list[str]:
+    return [f"{round(value, 4) + 0.0:.4f}" for value in pose.tolist()]  # no -0.0000

@@ -20,6 +20,7 @@ FloatArray = NDArray[np.float64]
 
 _WINDOW_M = 0.6  # around where the follower thinks it is: a path may pass a place twice
 _STANDING_MPS = 1e-3
+_TURN_S = 0.03  # of the vehicle's loop, of the simulator's steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,30 +79,47 @@ def contacts(truth: TrueDrive, world: World, vehicle: Vehicle, since_s: float = 
     return colliding_poses(grid, grid.occupied, truth.in_world[truth.at(since_s) :: 3], vehicle.body)
 
 
+def place_off_m(truth: TrueDrive, places: list[tuple[float, FloatArray]]) -> float:
+    """Return how far the place was off at most that the car believed in: stamps in s and poses (3,) in the map."""
+    if not places:
+        return 0.0
+    stamps_s = np.array([stamp_s for stamp_s, _ in places])
+    off = np.array([place for _, place in places])[:, :2]
+    true = np.column_stack([np.interp(stamps_s, truth.stamps_s, truth.in_map[:, k]) for k in (0, 1)])
+    return float(np.hypot(*(off - true).T).max())
+
+
 @dataclass(frozen=True, slots=True)
 class Stop:
     """After an event: s until the zero-speed command left, and until the car stood; inf where it never did.
 
-    speed_mps: the fastest since the command left, which the car must brake from.
+    speed_mps: the fastest since the command left, which the car must brake from; event_mps: since the event.
     """
 
     command_s: float
     stood_s: float
     speed_mps: float
+    event_mps: float
 
     def in_time(self, command_s: float, deceleration_mps2: float, latency_s: float) -> bool:
         """Whether the command left within command_s, and the car stood as soon after it as it can brake."""
         braking_s = latency_s + self.speed_mps / deceleration_mps2
-        return self.command_s <= command_s and self.stood_s <= self.command_s + braking_s + 0.02
+        return self.command_s <= command_s and self.stood_s <= self.command_s + braking_s + _TURN_S
+
+    def by_timeout(self, timeout_s: float, deceleration_mps2: float, latency_s: float) -> bool:
+        """Whether the car stood as soon as it can brake after the vehicle's own timeout."""
+        return self.stood_s <= timeout_s + latency_s + self.event_mps / deceleration_mps2 + _TURN_S
 
 
-def stop_after(truth: TrueDrive, ticks: list[Tick], event_s: float) -> Stop:
-    """Measure a stop; only standing for good counts."""
-    moving = [tick.now_s for tick in ticks if tick.now_s > event_s and tick.safe.command.speed_mps != 0.0]
-    since_s = max(moving, default=event_s)
-    zero = next((tick.now_s for tick in ticks if tick.now_s > since_s), np.inf)
+def stop_after(truth: TrueDrive, sent: list[tuple[float, float]], event_s: float) -> Stop:
+    """Measure a stop; sent: time and speed of each setpoint that left. Only standing for good counts."""
+    last = max((k for k, (sent_s, speed) in enumerate(sent) if sent_s > event_s and speed != 0.0), default=-1)
+    zero = next((sent_s for sent_s, _ in sent[last + 1 :] if sent_s > event_s), np.inf)
     rolling = np.flatnonzero(np.abs(truth.speeds_mps) > _STANDING_MPS)
-    last = int(rolling[-1]) if len(rolling) else 0
-    stood_s = np.inf if last + 1 >= len(truth.stamps_s) else float(truth.stamps_s[last + 1])
-    speed_mps = float(np.abs(truth.speeds_mps[truth.at(min(zero, truth.stamps_s[-1])) :]).max())
-    return Stop(float(zero - event_s), max(0.0, stood_s - event_s), speed_mps)
+    stands = int(rolling[-1]) + 1 if len(rolling) else 0
+    stood_s = np.inf if stands >= len(truth.stamps_s) else float(truth.stamps_s[stands])
+    speeds = np.abs(truth.speeds_mps)
+    after_mps, event_mps = (
+        float(speeds[truth.at(min(since, truth.stamps_s[-1])) :].max()) for since in (zero, event_s)
+    )
+    return Stop(float(zero - event_s), max(0.0, stood_s - event_s), after_mps, event_mps)

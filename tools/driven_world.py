@@ -5,11 +5,12 @@ Nothing but the scorer may read the truth that is kept here.
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers.rover_dynamics import RoverDynamics, RoverModel
-from drivers.vehicle import STANDSTILL, DriveCommand
+from drivers.rover_dynamics import RoverState
 from mapping import se2
 from mapping.mount import Mount
 from tools.world import World
@@ -23,32 +24,37 @@ DROPOUT = 0.01
 _RANGE_M = 12.0
 
 
+class Moving(Protocol):
+    """A car that time makes drive; drivers.mavlink_rover.MavlinkRover is one."""
+
+    @property
+    def state(self) -> RoverState:
+        """The present state."""
+        ...
+
+    def pass_time(self, now_ns: int) -> None:
+        """Drive up to an instant, if it is not there yet."""
+        ...
+
+
 class DrivenWorld:
-    """A car at `pose` (3,) of a world, standing, at start_ns; a ranger for the emulated lidar, which lets time pass."""
+    """A car in a world, from start_ns on; a ranger for the emulated lidar, which lets time pass.
+
+    noisy: ranges scatter and are missing, as an A2's.
+    """
 
     def __init__(
-        self,
-        world: World,
-        pose: FloatArray,
-        mount: Mount,
-        *,
-        start_ns: int,
-        seed: int,
-        model: RoverModel | None = None,
+        self, world: World, car: Moving, mount: Mount, *, start_ns: int, seed: int, noisy: bool = True
     ) -> None:
         self.world = world
+        self.car = car
         self._mount = mount
+        self._noise, self._dropout = (NOISE, DROPOUT) if noisy else ((0.0, 0.0), 0.0)
         self._random = np.random.default_rng(seed)
-        self._car = RoverDynamics(pose, model)
-        self._command = STANDSTILL
+        car.pass_time(start_ns)
         self._stamps_ns = [start_ns]
-        self._poses = [np.array(pose, dtype=np.float64)]
-        self._speeds = [0.0]
-
-    def command(self, command: DriveCommand, now_ns: int) -> None:
-        """Give the car a command now."""
-        self.advance(now_ns)
-        self._command = command
+        self._poses = [car.state.pose]
+        self._speeds = [car.state.speed_mps]
 
     def put_box(self, corners: FloatArray) -> None:
         """Put a box with four corners (4, 2) in the world."""
@@ -62,8 +68,9 @@ class DrivenWorld:
     def advance(self, until_ns: int) -> None:
         """Let the car drive up to an instant, in whole steps of 10 ms beyond it at most."""
         while self._stamps_ns[-1] < until_ns:
-            state = self._car.step(_STEP_NS * 1e-9, self._command)
             self._stamps_ns.append(self._stamps_ns[-1] + _STEP_NS)
+            self.car.pass_time(self._stamps_ns[-1])
+            state = self.car.state
             self._poses.append(state.pose)
             self._speeds.append(state.speed_mps)
 
@@ -83,7 +90,7 @@ class DrivenWorld:
         sensor = se2.compose(np.column_stack([x, y, yaw]), self._mount.pose)
         bearings = theta_cw_rad if self._mount.inverted else -theta_cw_rad
         ranges = self.world.ranges(sensor, bearings, _RANGE_M)
-        noisy = ranges + self._random.normal(size=len(ranges)) * (NOISE[0] + NOISE[1] * ranges)
-        seen = (ranges > 0.0) & (self._random.random(len(ranges)) >= DROPOUT)
+        noisy = ranges + self._random.normal(size=len(ranges)) * (self._noise[0] + self._noise[1] * ranges)
+        seen = (ranges > 0.0) & (self._random.random(len(ranges)) >= self._dropout)
         measured: FloatArray = np.where(seen, np.maximum(noisy, 0.0), 0.0)
         return measured

@@ -12,6 +12,7 @@ import numpy as np
 from drivers.emulated_faults import FaultError, FaultKind, FaultScript, parse_fault, parse_script
 from drivers.faulty_line import FaultyLine
 from drivers.pty_port import PtyPort
+from drivers.rplidar_emulated_scan import Ranger
 from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import EmulatedModel
 from mapping.trajectory import Trajectory, read_tum, write_tum
@@ -106,18 +107,19 @@ class EmulatedSensor:
     def __init__(
         self,
         model: EmulatedModel,
-        ranger: SimulatedLidar,
+        ranger: Ranger,
         *,
         board: bool = True,
         script: FaultScript | None = None,
         link: Path | None = None,
+        clock: Callable[[], int] = RunClock.monotonic_ns,
     ) -> None:
-        self._clock = RunClock()
+        self._clock = clock
         self._script = script or FaultScript()
         self.emulator = RplidarEmulator(model, ranger, board=board, script=self._script)
         self._line = FaultyLine(self.emulator, self._script, model.baud)
         self._link = link
-        self.port = PtyPort(self._line, model.baud, link=link)
+        self.port = PtyPort(self._line, model.baud, link=link, clock=clock)
         self._plugged = True
 
     @property
@@ -127,7 +129,7 @@ class EmulatedSensor:
 
     def follow_script(self) -> str | None:
         """Pull the plug or put it back where it is time; return what was done, `unplugged` or `plugged`."""
-        now_ns = self._clock.monotonic_ns()
+        now_ns = self._clock()
         wanted = self._script.active(FaultKind.UNPLUG, now_ns) is None
         if wanted == self._plugged:
             return None

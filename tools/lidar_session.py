@@ -6,7 +6,8 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from drivers.errors import DriverError
@@ -14,14 +15,14 @@ from drivers.messages import Recordable
 from drivers.recording_writer import McapRecorder, RecordingReport
 from drivers.rplidar_decoder import load_compiled
 from mapping.graph_state import GraphState
+from mapping.grid import OccupancyGrid
 from mapping.mount import Mount
 from mapping.slam import MappedScan
 from tools.clock import RunClock
 from tools.config import Config, ConfigError
 from tools.depth_flow import DepthFlow, scan_mount
-from tools.live_run import LiveOutcome, record_live, run_live
+from tools.live_run import QUEUE_FRESH, QUEUE_SCANS, LiveOutcome, Put, record_live, run_live
 from tools.live_sensors import LiveSensors, started_sensors
-from tools.localisation import Localisation
 from tools.pipeline import (
     CAMERA_FRAME,
     LASER_FRAME,
@@ -33,6 +34,7 @@ from tools.pipeline import (
 )
 from tools.replay_run import CONFIG_RECORD
 from tools.results import Report, decoding_summary, grid_snapshot, remarks, save_results
+from tools.session_parts import LiveSession, SessionPart, going_along
 from tools.signals import Stop
 
 log = logging.getLogger(__name__)
@@ -41,18 +43,29 @@ RECORDING_NAME = "recording.mcap"
 _PROGRESS_S = 2.0
 
 
+@dataclass(frozen=True, slots=True)
+class SensorPorts:
+    """Where the sensors are, as the command line names them; None: there is none."""
+
+    lidar: str | None = None
+    camera: str | None = None
+
+    def __str__(self) -> str:
+        return " and ".join(port for port in (self.lidar, self.camera) if port is not None)
+
+
 def run_session(
-    lidar_port: str | None,
+    ports: SensorPorts,
     config: Config,
     new_folder: Callable[[], Path],
     stop: Stop,
     *,
     record: bool,
     resume: GraphState | None = None,
-    map_file: Path | None = None,
-    camera_port: str | None = None,
+    parts: Sequence[SessionPart] = (),
+    clock: RunClock | None = None,
 ) -> tuple[Report, DriverError | None]:
-    """Map live with a lidar, a camera or both until `stop`.
+    """Map live with a lidar, a camera or both until `stop`; parts go along.
 
     Return the report and the fault that ended the run early, once all is saved. Map, trajectory and state are saved,
     then refined and saved again; another signal meanwhile leaves that out. Raises DriverError when a sensor cannot be
@@ -63,44 +76,43 @@ def run_session(
             f"odometry.source: {config.odometry.source} is for replays of recordings with odometry or poses: a lidar or"
             " a camera has no wheels"
         )
-    clock = RunClock()
+    clock = clock or RunClock()
     warm_up()
-    with search_thread() as background, started_sensors(lidar_port, camera_port, config, clock) as sensors:
+    with search_thread() as background, started_sensors(ports.lidar, ports.camera, config, clock) as sensors:
         folder = new_folder()
         depth = _depth_flow(sensors, config)
         mount = _scanner_mount(sensors, config)
-        live = record and config.grid.live_s > 0
+        live = (record and config.grid.live_s > 0) or any(part.needs_map for part in parts)
         flow = MappingFlow(config, mount, background=background, resume=resume, live=live, depth=depth)
-        localisation = None if map_file is None else Localisation(map_file, mount.pose[:2])
         recorder = _start_recording(folder / RECORDING_NAME, config, clock, sensors) if record else None
-        put: Callable[[Recordable], None] = _discard if recorder is None else recorder.put
+        put: Put = _discard if recorder is None else recorder.put
         try:
-            on_mapped = _OnMapped(flow, localisation, put, config.grid.live_s)
-            outcome = run_live(
-                sensors.lidar,
-                flow,
-                stop,
-                put=put,
-                on_mapped=on_mapped,
-                release=sensors.close,
-                camera=sensors.camera,
-            )
+            with going_along(parts, LiveSession(clock, mount, put, stop, _grid_now(flow))):
+                outcome = run_live(
+                    sensors.lidar,
+                    flow,
+                    stop,
+                    put=_Heard(put, parts),
+                    on_mapped=_OnMapped(flow, parts, put, config.grid.live_s),
+                    release=sensors.close,
+                    camera=sensors.camera,
+                    queue_scans=QUEUE_FRESH if any(part.hurries for part in parts) else QUEUE_SCANS,
+                )
             if len(flow.mapper.trajectory):
                 put(grid_snapshot(flow.maps()["map"], int(flow.mapper.trajectory.stamps_ns[-1])))
         finally:
             recorded = None if recorder is None else recorder.close()
     details = _session_details(sensors, outcome, recorded)
-    if localisation is not None:
-        details["localisation"] = localisation.save(folder)
+    for part in parts:
+        details.update(part.save(folder))
     if depth is not None:
         details["depth"] = {**depth.summary(), "dropped_before_mapping": outcome.dropped_images}
-    source = " and ".join(port for port in (lidar_port, camera_port) if port is not None)
-    report = save_results(folder, flow, source, details, save_state=True)
+    report = save_results(folder, flow, str(ports), details, save_state=True)
     asked = stop.asked
     if config.slam.refine and report["trajectory"]["poses"]:
         log.info("saved; refining the map (Ctrl-C again to leave that out)")
         if flow.refine(lambda: stop.asked > asked):
-            report = save_results(folder, flow, source, details, save_state=True)
+            report = save_results(folder, flow, str(ports), details, save_state=True)
     for line in remarks(report):
         log.warning("%s", line)
     _log_end(report, folder)
@@ -155,29 +167,44 @@ def _start_recording(path: Path, config: Config, clock: RunClock, sensors: LiveS
     return recorder
 
 
+def _grid_now(flow: MappingFlow) -> Callable[[], OccupancyGrid] | None:
+    return None if flow.mapper.live_grid is None else flow.mapper.live_grid.grid
+
+
 def _discard(_message: Recordable) -> None:
     """Stand in for a recorder where none is wanted."""
 
 
-class _OnMapped:
-    """What is done with each pose: the car is followed on a saved map, the live map recorded, and progress told."""
+class _Heard:
+    """Records a message and lets the parts know of it; of tools.live_run's calls those in the threads that read."""
 
-    def __init__(
-        self, flow: MappingFlow, localisation: Localisation | None, put: Callable[[Recordable], None], live_s: float
-    ) -> None:
+    def __init__(self, put: Put, parts: Sequence[SessionPart]) -> None:
+        self._put, self._parts = put, parts
+
+    def __call__(self, message: Recordable) -> None:
+        self._put(message)
+        for part in self._parts:
+            part.note(message)
+
+
+class _OnMapped:
+    """What is done with each pose: the parts are told, the live map is recorded, and progress told."""
+
+    def __init__(self, flow: MappingFlow, parts: Sequence[SessionPart], put: Put, live_s: float) -> None:
         self._flow = flow
-        self._localisation = localisation
+        self._parts = parts
         self._put = put
+        self._tells = not any(part.tells for part in parts)
         self._live_ns = round(live_s * 1e9)
         self._drawn_ns: int | None = None
         self._shown = self._begun = time.monotonic()
 
     def __call__(self, mapped: MappedScan) -> None:
-        if self._localisation is not None:
-            self._localisation.add(mapped)
+        for part in self._parts:
+            part.add(mapped)
         self._record_map(mapped.stamp_ns)
         now = time.monotonic()
-        if now - self._shown < _PROGRESS_S:
+        if not self._tells or now - self._shown < _PROGRESS_S:
             return
         self._shown = now
         x, y, _ = mapped.pose
@@ -186,7 +213,7 @@ class _OnMapped:
     def _record_map(self, stamp_ns: int) -> None:
         """Record the map as it is now, if the last time is long enough ago."""
         live = self._flow.mapper.live_grid
-        if live is None:
+        if live is None or self._live_ns == 0:
             return
         if self._drawn_ns is None:
             self._drawn_ns = stamp_ns
@@ -223,9 +250,13 @@ def _session_details(sensors: LiveSensors, outcome: LiveOutcome, recorded: Recor
 
 
 def session_is_whole(report: Report) -> bool:
-    """Whether no scan was dropped, no camera lost, and nothing is missing from the recording, if one was asked for."""
+    """Whether no scan was dropped, no camera lost, and nothing is missing from the recording, if one was asked for.
+
+    A car that drives leaves out scans on purpose, rather than look at old ones.
+    """
     recording = report.get("recording") or {"error": None, "dropped": {}}
-    return not (report["dropped_scans"] or report["camera_fault"] or recording["error"] or recording["dropped"])
+    dropped = 0 if "drive" in report else report["dropped_scans"]
+    return not (dropped or report["camera_fault"] or recording["error"] or recording["dropped"])
 
 
 def _log_end(report: Report, folder: Path) -> None:

@@ -25,6 +25,7 @@ Put = Callable[[Recordable], None]
 
 _SPEED_TURNS = 10
 QUEUE_SCANS = 200  # 20 s of a lidar at 10 turns a second
+QUEUE_FRESH = 3  # where old scans are of no use: what a car that drives knows must be of now
 QUEUE_IMAGES = 15  # half a second of a camera beside a lidar; alone it has 1: the latest one counts
 
 log = logging.getLogger(__name__)
@@ -123,11 +124,13 @@ class SensorThread:
 class LiveReading:
     """The threads of a session's sensors: the first one's scans are waited for, the camera's images taken along.
 
-    Either may be missing, but not both.
+    Either may be missing, but not both. queue_scans: so many of the lidar wait at most.
     """
 
-    def __init__(self, lidar: LiveSource | None, camera: LiveSource | None, put: Put) -> None:
-        self._lidar = None if lidar is None else SensorThread(lidar, put)
+    def __init__(
+        self, lidar: LiveSource | None, camera: LiveSource | None, put: Put, queue_scans: int = QUEUE_SCANS
+    ) -> None:
+        self._lidar = None if lidar is None else SensorThread(lidar, put, queue_scans=queue_scans)
         queue_images = 1 if lidar is None else QUEUE_IMAGES
         self._camera = None if camera is None else SensorThread(camera, put, queue_scans=queue_images, name="camera")
         first = self._lidar or self._camera
@@ -190,12 +193,13 @@ def run_live(
     on_mapped: Callable[[MappedScan], None],
     release: Callable[[], None] = lambda: None,
     camera: LiveSource | None = None,
+    queue_scans: int = QUEUE_SCANS,
 ) -> LiveOutcome:
     """Map until `stop` is set or the lidar fails, then release the sensors and map what was still on the way.
 
-    Without a lidar the camera decides when it ends.
+    Without a lidar the camera decides when it ends. queue_scans: so many scans wait to be mapped at most.
     """
-    reading = LiveReading(lidar, camera, put)
+    reading = LiveReading(lidar, camera, put, queue_scans)
     reading.start()
     while reading.running and not stop.is_set():
         _map_next(reading, flow, put, on_mapped, timeout_s=0.1)

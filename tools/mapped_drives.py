@@ -80,7 +80,7 @@ class MappedDrive:
 def map_by_lidar(world: SolidWorld, truth: Trajectory, config: Config, seed: int) -> MappedDrive:
     """Map a drive with an emulated RPLIDAR's ranges, 10 turns a second, by the flow of `run` and `replay`."""
     flow = MappingFlow(config, config.mount())
-    for scan in _lidar_scans(world, truth, config, seed):
+    for scan in lidar_scans(world, truth, config, seed):
         flow.feed(scan)
     return _finished(flow, truth)
 
@@ -115,7 +115,8 @@ def camera_messages(
     yield from heapq.merge(wheels, images, key=lambda message: message.stamp_ns)
 
 
-def _lidar_scans(world: SolidWorld, truth: Trajectory, config: Config, seed: int) -> Iterator[LaserScan]:
+def lidar_scans(world: SolidWorld, truth: Trajectory, config: Config, seed: int) -> Iterator[LaserScan]:
+    """Yield the turns of an emulated RPLIDAR along a drive, 10 a second."""
     laser = SimulatedLidar(
         world.cut(config.lidar.mount.z_m),
         truth,

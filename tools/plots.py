@@ -38,14 +38,15 @@ class PlacedMaps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionPicture:
-    """What the demo shows: two lidar maps, the global map and the path (N, 3) in it, empty where there is none.
+    """What the demo shows: two lidar maps, the global map, and in it a path (N, 3) and how it was driven (M, 3).
 
-    camera: a lidar map and a camera map, in the lidar map's frame.
+    Either is empty where there is none. camera: a lidar map and a camera map, in the lidar map's frame.
     """
 
     local: PlacedMaps
     fused: OccupancyGrid
     path: FloatArray
+    driven: FloatArray
     camera: PlacedMaps
     title: str
 
@@ -143,7 +144,10 @@ def _draw_fused(axes: Any, picture: MissionPicture) -> None:
         path[marks, 0], path[marks, 1], np.cos(heading), np.sin(heading),
         color="tab:green", angles="xy", scale=28, width=0.006, zorder=3,
     )  # fmt: skip
-    axes.plot(*path[0, :2], "o", color=_COLORS[0], ms=11, mec="white", label="start: where car A started")
+    if len(picture.driven):
+        driven = picture.driven
+        axes.plot(driven[:, 0], driven[:, 1], color="black", lw=2.0, ls=":", zorder=4, label="car A's drive (truth)")
+    axes.plot(*path[0, :2], "o", color=_COLORS[0], ms=11, mec="white", label="start: where car A stands")
     axes.plot(*path[-1, :2], "*", color=_COLORS[1], ms=17, mec="white", label="goal: where car B started")
     axes.set_title(f"global map and a path of {travelled[-1]:.1f} m")
     _legend_below(axes)

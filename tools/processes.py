@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import multiprocessing
 import os
+import sys
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
@@ -21,6 +22,13 @@ Key = TypeVar("Key", bound=Hashable)
 
 _STATUS = Path("/proc/self/status")
 _CLEAR_PEAK = Path("/proc/self/clear_refs")
+
+
+def own_command(arguments: Sequence[str]) -> list[str]:
+    """Return what starts this program with arguments, also where the current folder has a package `tools` too."""
+    home = str(Path(__file__).resolve().parent.parent)
+    entry = f"import sys; sys.path.insert(0, {home!r}); from tools.cli import main; main()"
+    return [sys.executable, "-c", entry, *arguments]
 
 
 def in_own_process(work: Callable[..., Result], *arguments: object) -> Result:

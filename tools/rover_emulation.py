@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers.datagram_link import DatagramLink
 from drivers.emulated_link import EmulatedDevice
@@ -26,16 +27,25 @@ _POLL_S = 0.005
 
 
 def make_rover(
-    pose: tuple[float, float, float], faults: Sequence[str], timeout_s: float | None, seed: int
+    pose: tuple[float, float, float],
+    faults: Sequence[str],
+    timeout_s: float | None,
+    seed: int,
+    *,
+    fits: Callable[[NDArray[np.float64]], bool] = lambda _pose: True,
 ) -> MavlinkRover:
-    """Return a rover at a pose, with faults of the command line and another setpoint timeout; raises UsageError."""
+    """Return a rover at a pose, with faults of the command line and another setpoint timeout; raises UsageError.
+
+    fits: see RoverDynamics.
+    """
     try:
         parsed = [parse_rover_fault(fault) for fault in faults]
     except RoverFaultError as error:
         raise UsageError(f"--{error}") from error
     parameters = {} if timeout_s is None else {"GUID_TIMEOUT": timeout_s}
     odometry = NoisyOdometry(seed=seed)
-    return MavlinkRover(RoverDynamics(np.array(pose)), odometry=odometry, faults=parsed, parameters=parameters)
+    dynamics = RoverDynamics(np.array(pose), fits=fits)
+    return MavlinkRover(dynamics, odometry=odometry, faults=parsed, parameters=parameters)
 
 
 def network_address(text: str) -> MavlinkAddress:
@@ -49,11 +59,11 @@ def network_address(text: str) -> MavlinkAddress:
     return address
 
 
-def serve_over_network(device: EmulatedDevice, link: DatagramLink, clock: RunClock) -> None:
+def serve_over_network(device: EmulatedDevice, link: DatagramLink, clock: Callable[[], int]) -> None:
     """Exchange bytes once, waiting up to 5 ms for some."""
     received = link.read(_POLL_S)
-    answers = device.receive(received, clock.monotonic_ns()) if received else b""
-    if sent := answers + device.due(clock.monotonic_ns()):
+    answers = device.receive(received, clock()) if received else b""
+    if sent := answers + device.due(clock()):
         link.write(sent)
 
 
@@ -82,7 +92,7 @@ def serve_rover(
             if network is None:
                 stop.wait(_POLL_S)
             else:
-                serve_over_network(rover, network, clock)
+                serve_over_network(rover, network, clock.monotonic_ns)
             now_told = (rover.autopilot.mode.name, rover.autopilot.armed)
             if now_told != told:
                 told = now_told

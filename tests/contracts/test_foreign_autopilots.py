@@ -18,7 +18,8 @@ import pytest
 
 from drivers.datagram_link import DatagramLink
 from drivers.mavlink_address import parse_address
-from drivers.mavlink_vehicle import MavlinkSettings, MavlinkVehicle
+from drivers.mavlink_settings import MavlinkSettings
+from drivers.mavlink_vehicle import MavlinkVehicle
 from drivers.vehicle import ArmingRefusedError, DriveCommand, LostVehicleError
 from tools.rover_emulation import make_rover, serve_rover
 

@@ -4,12 +4,17 @@ The motor's numbers are made up (5 m/s at full duty, 0.15 s); nothing here was m
 """
 
 import math
+import os
+import time
+from pathlib import Path
 
 import numpy as np
 
 from drivers.qcar_vehicle import METRES_PER_COUNT
 
 _STEP_S = 0.002
+FAKE_API = "tests.drivers.fake_qcar:LoggedQcar"  # for a process of its own
+DEADLINE_S = 0.5
 
 
 class FakeQcar:
@@ -53,3 +58,23 @@ class FakeQcar:
     def terminate(self) -> None:
         self.write(0.0, 0.0)
         self.terminated = True
+
+
+class LoggedQcar(FakeQcar):
+    """As Quanser's QCar is made, in real time; each write goes to the file FAKE_QCAR_LOG as: time in s, throttle."""
+
+    def __init__(self, readMode: int, pwmLimit: float) -> None:  # Quanser's names
+        assert (readMode, pwmLimit) == (0, 0.3)
+        self._log = Path(os.environ["FAKE_QCAR_LOG"])
+        super().__init__(time.monotonic_ns, volts=float(os.environ.get("FAKE_QCAR_VOLTS", "12")))
+        print("Quanser's API prints")  # noqa: T201 - as the real one does
+
+    def write(self, throttle: float, steering: float) -> None:
+        super().write(throttle, steering)
+        with self._log.open("a") as log:
+            log.write(f"{time.monotonic():.4f} {throttle}\n")
+
+    def terminate(self) -> None:
+        super().terminate()
+        with self._log.open("a") as log:
+            log.write(f"{time.monotonic():.4f} terminated\n")

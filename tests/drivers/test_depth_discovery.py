@@ -11,7 +11,15 @@ import pytest
 
 from drivers import v4l2
 from drivers.d435_emulator import D435Emulator
-from drivers.depth_discovery import describe_depth_node, find_depth_nodes, require_depth, usb_ids, video_nodes
+from drivers.depth_discovery import (
+    D435_IDS,
+    describe_depth_node,
+    find_depth_nodes,
+    require_depth,
+    udev_rules,
+    usb_ids,
+    video_nodes,
+)
 from drivers.errors import DriverError, PortMissingError, PortPermissionError, WrongDeviceError
 from drivers.system_calls import LinuxSystemCalls
 from drivers.video_device import VideoDevice
@@ -180,3 +188,10 @@ def test_the_emulated_camera_is_found_like_a_real_one(tmp_path):
     node = find_depth_nodes(D435Emulator([]), tmp_path).choose()
     assert (node.path, node.model) == ("/dev/video0", "D435")
     assert usb_ids("video0", tmp_path) == ("8086", "0b07")
+
+
+def test_a_rule_names_the_depth_node_of_each_model() -> None:
+    for (vendor, product), rule in zip(D435_IDS, udev_rules("depth").splitlines(), strict=True):
+        assert f'ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}"' in rule
+        assert rule.startswith('SUBSYSTEM=="video4linux", ')
+        assert rule.endswith('ATTR{index}=="0", GROUP="video", MODE="0660", SYMLINK+="depth"')

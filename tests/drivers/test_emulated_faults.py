@@ -57,3 +57,11 @@ def test_times_count_from_the_first_scan_request() -> None:
     active = [script.active(FaultKind.SILENCE, 10**10 + at * 10**9) is not None for at in (0, 1, 2, 3)]
     assert active == [False, True, True, False]
     assert script.span_ns(script.faults[1]) == (-math.inf, math.inf)
+
+
+def test_a_fault_may_be_added_while_the_script_runs() -> None:
+    script = FaultScript()
+    script.begin(0)
+    assert script.active(FaultKind.SILENCE, 10) is None
+    script.add(Fault(FaultKind.SILENCE))
+    assert script.active(FaultKind.SILENCE, 10) is not None

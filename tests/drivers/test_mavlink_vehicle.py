@@ -6,6 +6,7 @@ import pytest
 from drivers.emulated_link import EmulatedLink, SimulatedClock
 from drivers.errors import DeviceLostError, SilentPortError, WrongBaudError
 from drivers.mavlink_rover import MavlinkRover
+from drivers.mavlink_settings import MavlinkSettings
 from drivers.mavlink_vehicle import MavlinkVehicle
 from drivers.messages import Imu, LaserScan, Odometry
 from drivers.rover_dynamics import RoverDynamics
@@ -208,6 +209,35 @@ def test_a_cut_link_is_stopped_by_the_vehicles_own_timeout() -> None:
         assert car.speed_mps == 0.0
 
 
+def test_a_vehicle_that_does_not_hear_is_noticed_though_its_heartbeats_come() -> None:
+    car = Car("deaf@4")
+    with car.vehicle as vehicle:
+        vehicle.arm()
+        while car.clock() < 9_000_000_000:
+            car.poll(0.05, AHEAD)
+        assert car.state.ready
+        car.poll(0.6, AHEAD)
+        assert not car.state.ready
+        assert "not hear us" in car.state.reason
+        with pytest.raises(LostVehicleError, match="does not hear us"):
+            car.poll(3.0, AHEAD)
+        assert car.clock() < 11_700_000_000
+
+
+def test_a_vehicle_that_does_not_answer_for_a_moment_is_told_to_stand_and_drives_on() -> None:
+    car = Car("silence@4+1")
+    with car.vehicle as vehicle:
+        vehicle.arm()
+        while car.clock() < 9_000_000_000:
+            car.poll(0.05, AHEAD)
+        car.poll(0.6, AHEAD)
+        car.poll(0.4, AHEAD)
+        assert car.speed_mps < 0.1
+        car.poll(2.0, AHEAD)
+        assert car.state.ready
+        assert car.speed_mps == pytest.approx(0.5)
+
+
 @pytest.mark.parametrize(
     ("fault", "words"), [("mode=MANUAL@3", "MANUAL: somebody else"), ("disarm@3", "disarmed itself")]
 )
@@ -230,6 +260,7 @@ def test_refused_arm_says_why() -> None:
 
 def test_a_vehicle_that_keeps_its_mode_is_told() -> None:
     car = Car("deaf@2")
+    car.vehicle.settings = MavlinkSettings(lost_after_s=20.0)
     with car.vehicle as vehicle:
         car.clock.sleep(1.0)
         car.poll(0.1)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from drivers.emulated_link import SimulatedClock
-from drivers.errors import DriverError, SilentPortError
+from drivers.errors import SilentPortError
 from drivers.messages import Imu, Odometry
-from drivers.qcar_vehicle import METRES_PER_COUNT, QcarSettings, QcarVehicle, SpeedControl, open_board
+from drivers.qcar_vehicle import METRES_PER_COUNT, QcarSettings, QcarVehicle, SpeedControl
 from drivers.vehicle import ArmingRefusedError, DriveCommand, VehicleState
 from tests.drivers.fake_qcar import FakeQcar
 
@@ -105,8 +105,6 @@ def test_typed_errors() -> None:
         pass
     with Car(volts=10.0).vehicle as vehicle, pytest.raises(ArmingRefusedError, match="charge it"):
         vehicle.arm()
-    with pytest.raises(DriverError, match="Quanser's Python API is missing"):
-        open_board()
 
 
 def test_speed_control_does_not_wind_up() -> None:

@@ -10,7 +10,17 @@ import numpy as np
 import pytest
 
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, LaserScan, LidarStream, Odometry, PlannedPath, RawChunk, Transform
+from drivers.messages import (
+    GridSnapshot,
+    Imu,
+    LaserScan,
+    LidarStream,
+    Odometry,
+    PlannedPath,
+    RawChunk,
+    Transform,
+    VelocityCommand,
+)
 from drivers.recording_reader import open_recording
 from drivers.recording_writer import McapRecorder
 from drivers.ros_codec import ODOMETRY_TYPE, SCAN_TYPE, encode
@@ -122,16 +132,26 @@ def test_of_several_odometry_topics_one_is_read(tmp_path):
         assert kinds(recording) == {"Odometry": 1}
 
 
+def test_an_imu_is_read_and_what_was_commanded_is_not(tmp_path):
+    felt = Imu(START_NS, np.array([0.0, 0.0, 0.5]), np.array([0.0, 0.0, 9.81]))
+    told = VelocityCommand(START_NS + 1, 0.5, 0.1)
+    path = record(tmp_path / "a.mcap", ("/imu", felt), ("/cmd_vel", told))
+
+    with open_recording(path) as recording:
+        assert kinds(recording) == {"Imu": 1}
+        assert {topic.name: topic.decoded for topic in recording.topics} == {"/imu": True, "/cmd_vel": False}
+
+
 def test_messages_that_do_not_decode_are_counted_and_the_rest_is_read(tmp_path):
     good = encode(odometry(1))
     rows = [(1, 10, good), (1, 20, good[:60]), (1, 30, b""), (1, 40, good), (2, 50, b"?")]
-    path = write_db3(tmp_path / "a.db3", [(1, "/odom", ODOMETRY_TYPE), (2, "/imu", "sensor_msgs/msg/Imu")], rows)
+    path = write_db3(tmp_path / "a.db3", [(1, "/odom", ODOMETRY_TYPE), (2, "/fix", "sensor_msgs/msg/NavSatFix")], rows)
 
     with open_recording(path) as recording:
         for _ in range(2):
             assert kinds(recording) == {"Odometry": 2}
             assert recording.problems == ["/odom: 2 messages not decoded"]
-        assert recording.skipped == {"sensor_msgs/msg/Imu": 1}
+        assert recording.skipped == {"sensor_msgs/msg/NavSatFix": 1}
 
 
 def test_the_parts_of_a_split_recording_are_one(tmp_path):
@@ -218,7 +238,7 @@ def test_a_recording_without_messages_is_refused(tmp_path):
         ("truck_default_conf.mcap_0.mcap", 3, {}),
         ("wifi_0_0_dc2_0.mcap", 54, {}),
         ("wifi_1_0_test_0.mcap", 305, {}),
-        ("../rosbag_misc/plotjuggler_rosbag2_test_0.db3", 4695, {}),
+        ("../rosbag_misc/plotjuggler_rosbag2_test_0.db3", 4695, {"Imu": 1565}),
     ],
 )
 def test_recordings_of_others_are_read_and_foreign_types_named(data_dir, name, count, messages):

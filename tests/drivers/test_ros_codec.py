@@ -12,15 +12,27 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from drivers.errors import RecordingError
-from drivers.messages import GridSnapshot, LaserScan, LidarStream, Odometry, PlannedPath, RawChunk, Transform
+from drivers.messages import (
+    GridSnapshot,
+    Imu,
+    LaserScan,
+    LidarStream,
+    Odometry,
+    PlannedPath,
+    RawChunk,
+    Transform,
+    VelocityCommand,
+)
 from drivers.ros_codec import (
     GRID_TYPE,
+    IMU_TYPE,
     ODOMETRY_TYPE,
     PATH_TYPE,
     RAW_TYPE,
     SCAN_TYPE,
     STREAM_TYPE,
     TRANSFORM_TYPE,
+    TWIST_TYPE,
     decode,
     default_topic,
     encode,
@@ -33,7 +45,17 @@ from drivers.ros_store import schema_text, type_hash
 
 STAMP_NS = 1_700_000_000_123_456_789
 STREAM = LidarStream(STAMP_NS, "A2M8", "1.29", 7, "AB12", 115200, "Boost", 0x84, 126.0, 12.0)
-ALL_TYPES = (RAW_TYPE, STREAM_TYPE, SCAN_TYPE, ODOMETRY_TYPE, TRANSFORM_TYPE, GRID_TYPE, PATH_TYPE)
+ALL_TYPES = (
+    RAW_TYPE,
+    STREAM_TYPE,
+    SCAN_TYPE,
+    ODOMETRY_TYPE,
+    TRANSFORM_TYPE,
+    GRID_TYPE,
+    PATH_TYPE,
+    IMU_TYPE,
+    TWIST_TYPE,
+)
 
 
 def same(left, right):
@@ -60,6 +82,8 @@ def round_trip(message):
         GridSnapshot(STAMP_NS, 0.0625, np.array([-1.0, 2.0, 0.0]), np.array([[-1, 0, 100], [50, 1, 2]])),
         PlannedPath(STAMP_NS, np.array([[0.5, -1.0, 0.0], [3.25, 2.0, 0.0]]), "global"),
         PlannedPath(STAMP_NS, np.zeros((0, 3))),
+        Imu(STAMP_NS, np.array([0.1, -0.2, 1.5]), np.array([0.3, -0.1, 9.81]), "imu_link"),
+        VelocityCommand(STAMP_NS, -0.25, 0.75),
     ],
     ids=lambda message: type(message).__name__,
 )
@@ -88,6 +112,15 @@ def test_a_path_is_a_nav_msgs_path_with_a_heading_at_each_pose():
         assert (stamped.pose.position.x, stamped.pose.position.y, stamped.pose.position.z) == (x, y, 0.0)
         assert 2 * math.atan2(stamped.pose.orientation.z, stamped.pose.orientation.w) == pytest.approx(yaw)
     assert round_trip(PlannedPath(STAMP_NS, poses)).poses == pytest.approx(poses, abs=1e-14)
+
+
+def test_an_imu_says_that_it_knows_no_orientation_and_a_command_turns_about_z():
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    imu: Any = store.deserialize_cdr(encode(Imu(STAMP_NS, np.arange(3.0), np.arange(3.0))), IMU_TYPE)
+    assert imu.orientation_covariance[0] == -1.0
+    assert (imu.angular_velocity.y, imu.linear_acceleration.z) == (1.0, 2.0)
+    twist: Any = store.deserialize_cdr(encode(VelocityCommand(STAMP_NS, 0.5, -0.25)), TWIST_TYPE)
+    assert (twist.linear.x, twist.linear.y, twist.angular.x, twist.angular.z) == (0.5, 0.0, 0.0, -0.25)
 
 
 def test_odometry_is_projected_on_the_plane():
@@ -170,7 +203,8 @@ def test_a_hand_made_scan_is_read_field_by_field():
         (STREAM_TYPE, "/lidar/stream", True),
         (STREAM_TYPE, "/robot_description", False),
         (SCAN_TYPE, "/any", True),
-        ("sensor_msgs/msg/Imu", "/imu", False),
+        (IMU_TYPE, "/any", True),
+        ("sensor_msgs/msg/NavSatFix", "/fix", False),
         ("", "/scan", False),
     ],
 )

@@ -48,6 +48,24 @@ def test_command_takes_hold_after_the_latency_and_braking_takes_its_time() -> No
     assert state.pose[0] - before == pytest.approx(0.25**2 / 2)
 
 
+def test_a_wall_stops_the_car_and_counts_once_until_it_comes_free() -> None:
+    car = RoverDynamics(np.zeros(3), AT_ONCE, fits=lambda pose: bool(pose[0] <= 0.4))
+    for _ in range(200):
+        state = car.step(0.01, DriveCommand(0.5, 0.0))
+    assert state.pose[0] == pytest.approx(0.4, abs=0.5 * 0.005)
+    assert state.speed_mps == 0.0
+    assert car.contacts == 1
+    assert car.step(0.5, DriveCommand(-0.4, 0.0)).pose[0] == pytest.approx(0.2, abs=0.01)
+    assert car.step(1.0, DriveCommand(0.5, 0.0)).speed_mps == 0.0
+    assert car.contacts == 2
+
+
+def test_what_stands_is_not_pushing() -> None:
+    car = RoverDynamics(np.zeros(3), AT_ONCE, fits=lambda _pose: False)
+    car.step(1.0, DriveCommand(0.0, 1.0))
+    assert car.contacts == 0
+
+
 def test_steering_turns_at_its_rate() -> None:
     car = RoverDynamics(np.zeros(3), RoverModel(steering_rate_radps=2.0, latency_s=0.0))
     assert car.step(0.1, DriveCommand(0.0, 2.0)).steering_rad == pytest.approx(0.2)

@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
 
 from drivers.errors import PortMissingError
-from drivers.serial_names import stable_path, udev_rule
+from drivers.serial_names import autopilot_rules, stable_path, udev_rule
 
 
 @pytest.fixture
@@ -43,8 +44,21 @@ def test_a_rule_names_the_adapter() -> None:
     rule = udev_rule(None, "lidar")
     assert rule == (
         'SUBSYSTEM=="tty", ATTRS{idVendor}=="10c4", ATTRS{idProduct}=="ea60", GROUP="dialout", MODE="0660",'
-        ' SYMLINK+="lidar"'
+        ' ENV{ID_MM_DEVICE_IGNORE}="1", SYMLINK+="lidar"'
     )
+
+
+def test_an_autopilot_is_named_by_any_of_its_usb_numbers_and_only_its_first_port() -> None:
+    rules = autopilot_rules("vehicle").splitlines()
+    assert [re.findall(r'ATTRS{id(\w+)}=="(\w+)"', rule) for rule in rules] == [
+        [("Vendor", "26ac")],
+        [("Vendor", "1209"), ("Product", "5740")],
+        [("Vendor", "1209"), ("Product", "5741")],
+    ]
+    for rule in rules:
+        assert rule.startswith('SUBSYSTEM=="tty", ')
+        assert 'ENV{ID_USB_INTERFACE_NUM}=="00", GROUP="dialout"' in rule
+        assert rule.endswith('ENV{ID_MM_DEVICE_IGNORE}="1", SYMLINK+="vehicle"')
 
 
 def test_no_rule_for_what_is_not_there() -> None:

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 
 from drivers.messages import LaserScan, Odometry
 from mapping import se2
+from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.keyframes import KeyframeStore
 from mapping.mount import Mount
 from mapping.raycast import cast_rays
+from mapping.sensor_models import LidarModel
 from mapping.surface import surface_of
 from mapping.trajectory import Trajectory
 
@@ -188,6 +190,30 @@ WINDING_DRIVE = Drive(
         (2.0, (0.4, 0.0, 1.0)),
     ),
 )
+
+
+def hall_and_room() -> NDArray[np.bool_]:
+    """Return a hall, y 4.2 to 5.8 m, and a room below it, behind a wall of 0.12 m with a door of 1 m (2 cm cells)."""
+    occupied = np.ones((300, 400), dtype=np.bool_)
+    occupied[210:290, 10:390] = False
+    occupied[10:204, 150:390] = False
+    occupied[204:210, 220:270] = False  # door: x 4.4..5.4 m
+    occupied[100:140, 200:230] = True  # cupboard in the room: x 4..4.6 m, y 2..2.8 m
+    return occupied
+
+
+@pytest.fixture(scope="session")
+def looked_into() -> tuple[NDArray[np.bool_], OccupancyGrid]:
+    """The cells of `hall_and_room`, and the map of a drive along the hall, from where the room is seen by its door."""
+    cells, generator = hall_and_room(), np.random.default_rng(1)
+    builder = GridBuilder(0.05, LidarModel())
+    headings = np.linspace(-np.pi, np.pi, 240, endpoint=False)
+    for x in np.arange(1.0, 7.5, 0.1):
+        laser = np.array([x, 5.0])
+        ranges = cast_rays(cells, np.tile(laser / ROOM_CELL_M, (240, 1)), headings, 12.0 / ROOM_CELL_M) * ROOM_CELL_M
+        noisy = ranges + generator.normal(0.0, 0.01, 240)
+        builder.add_scan(laser, laser + np.column_stack([np.cos(headings), np.sin(headings)]) * noisy[:, np.newaxis])
+    return cells, builder.grid()
 
 
 @pytest.fixture(scope="session")

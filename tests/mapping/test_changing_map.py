@@ -95,3 +95,21 @@ def test_what_is_far_away_is_not_marked(saved):
     for _ in range(10):
         near.add_scan(world((1.0, 2.0))[0], world((2.5, 2.0)))
     assert not occupied(near.grid(), 2.5, 2.0)
+
+
+def test_the_other_face_of_a_saved_wall_is_marked_where_it_is():
+    cells = np.zeros((60, 80), np.float32)
+    cells[32:, 1:-1] = -7.0  # free above, nothing known below
+    cells[30:32, 1:-1] = 7.0  # the upper face, blurred over 1.5 to 1.6 m
+    changing = ChangingMap(OccupancyGrid(cells, 0.05, ORIGIN), MODEL)
+    random, x = np.random.default_rng(0), np.arange(1.0, 3.0, 0.02)
+    for _ in range(20):
+        lower = np.column_stack([x, 1.475 + random.normal(0.0, 0.005, len(x))])
+        changing.add_scan(world((2.0, 0.5))[0], world(*lower))
+    now = changing.grid().occupied
+    assert now[29, 21:59].all()
+    assert now[30:32, 1:-1].all()
+    for _ in range(20):
+        upper = np.column_stack([x, 1.625 + random.normal(0.0, 0.005, len(x))])
+        changing.add_scan(world((2.0, 2.5))[0], world(*upper))
+    np.testing.assert_array_equal(changing.grid().occupied, now)

@@ -5,7 +5,8 @@ import pytest
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from mapping.map_matching import covariance_of, judge, refine, structure
+from mapping.map_matching import covariance_of, refine, structure
+from mapping.wall_faces import WallFaces, wall_faces
 from mapping.wall_map import FAR_M, FREE, UNKNOWN, WALL, wall_map
 
 CELL_M = 0.05
@@ -31,6 +32,15 @@ def outline() -> np.ndarray:
     return np.vstack(sides) * CELL_M
 
 
+def faces_of(grid: OccupancyGrid) -> WallFaces:
+    return wall_faces(wall_map(grid, free_below=-0.4))
+
+
+def towards(place: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Facings of surfaces that turn to a place (2,)."""
+    return np.arctan2(*(place - points).T[::-1])
+
+
 def test_states_and_distances_follow_the_map():
     reference = wall_map(box(), free_below=-0.4)
     assert reference.states[0, 0] == UNKNOWN
@@ -45,52 +55,49 @@ def test_states_and_distances_follow_the_map():
 def test_refinement_reaches_the_pose_below_a_cell(off):
     truth = np.array([2.4, 2.0, 0.3])
     points = se2.transform_points(se2.inverse(truth), outline())
-    fit = refine(wall_map(box(), free_below=-0.4), points, se2.compose(truth, off))
+    fit = refine(faces_of(box()), points, towards(np.zeros(2), points), se2.compose(truth, off))
     error = se2.between(truth, fit.pose)
     assert np.abs(error[:2]).max() < 0.01
     assert abs(error[2]) < 0.01
     assert fit.hits == 1.0
 
 
-def test_evidence_counts_what_points_say():
-    reference = wall_map(box(), free_below=-0.4)
-    start = np.array([2.5, 2.0])
-    ends = np.array([[0.525, 2.0], [2.5, 0.525], [3.2, 2.0], [0.1, 2.0], [4.3, 2.0]])
-    evidence = judge(reference, ends, np.tile(start, (len(ends), 1)), np.zeros(3))
-    assert (evidence.points, evidence.hits, evidence.astray, evidence.unknown) == (5, 2, 1, 1)
-    assert evidence.near == 1
-    assert evidence.known == 4
-    assert evidence.hit_share == 0.5
-
-
-def test_a_ray_through_a_wall_speaks_against_the_pose():
-    cells = np.full((60, 100), -3.0, np.float32)
-    cells[:, 40] = 3.0
-    reference = wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.4)
-    rays = np.array([[4.0, 1.5], [2.0, 1.5]])
-    starts = np.array([[0.5, 1.5], [0.5, 1.5]])
-    assert judge(reference, rays, starts, np.zeros(3)).through == 1
-
-
-def test_a_ray_along_a_wall_does_not_count_as_through_it():
-    cells = np.full((60, 100), -3.0, np.float32)
-    cells[30, :] = 3.0
-    reference = wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.4)
-    ray, start = np.array([[4.5, 1.58]]), np.array([[0.5, 1.45]])
-    assert judge(reference, ray, start, np.zeros(3)).through == 0
-
-
 def test_a_corridor_leaves_its_direction_open():
     cells = np.full((60, 400), -3.0, np.float32)
     cells[[10, 50]] = 3.0
-    reference = wall_map(OccupancyGrid(cells, CELL_M, np.zeros(3)), free_below=-0.4)
+    reference = faces_of(OccupancyGrid(cells, CELL_M, np.zeros(3)))
     x = np.arange(-3.0, 3.0, 0.05)
     points = np.vstack([np.column_stack([x, np.full_like(x, side)]) for side in (-1.0, 1.0)])
-    corridor = refine(reference, points, np.array([10.0, 1.525, 0.0]))
-    room = refine(wall_map(box(), free_below=-0.4), outline(), np.zeros(3))
+    facings = np.where(points[:, 1] > 0.0, -np.pi / 2.0, np.pi / 2.0)
+    corridor = refine(reference, points, facings, np.array([10.0, 1.525, 0.0]))
+    room = refine(faces_of(box()), outline(), towards(np.array([2.5, 2.0]), outline()), np.zeros(3))
     assert structure(corridor) <= 0.0
     assert structure(room) > 0.2
     along, across = covariance_of(corridor, 0.0)[[0, 1], [0, 1]]
     assert along > 100.0 * across
     turned = covariance_of(corridor, np.pi / 2)
     np.testing.assert_allclose([turned[1, 1], turned[0, 0]], [along, across], rtol=1e-6)
+
+
+def one_sided() -> OccupancyGrid:
+    """Free space above y = 1.55 m, and the upper face of a wall below it, of which nothing else was seen."""
+    cells = np.zeros((60, 100), np.float32)
+    cells[31:] = -3.0
+    cells[30] = 3.0
+    return OccupancyGrid(cells, CELL_M, np.zeros(3))
+
+
+def test_a_face_seen_from_the_other_side_does_not_pull():
+    faces, x = faces_of(one_sided()), np.arange(1.0, 4.0, 0.05)
+    below = np.column_stack([x, np.full_like(x, 1.405)])  # the wall's lower face, 0.12 m thick
+    lower, upper = np.full_like(x, -np.pi / 2.0), np.full_like(x, np.pi / 2.0)
+    np.testing.assert_array_equal(refine(faces, below, lower, np.zeros(3)).pose, 0.0)
+    assert refine(faces, below, upper, np.zeros(3)).pose[1] == pytest.approx(0.12, abs=0.01)
+
+
+def test_which_way_a_surface_faces_turns_with_the_pose():
+    faces, x = faces_of(one_sided()), np.arange(-1.0, 1.0, 0.05)
+    turned = np.array([2.5, 0.0, np.pi / 2.0])
+    seen = np.column_stack([np.full_like(x, 1.5), x])
+    assert refine(faces, seen, np.zeros_like(x), turned).pose[1] == pytest.approx(0.025, abs=0.01)
+    np.testing.assert_array_equal(refine(faces, seen, np.full_like(x, np.pi), turned).pose, turned)

@@ -91,3 +91,40 @@ def test_a_lost_robot_is_found_again(room, reference):
     for step in (99, 259):
         error = se2.between(se2.compose(ORIGIN, circle(step)), places[step].T_map_base)
         assert np.hypot(*error[:2]) < 0.15
+
+
+def into_the_room(step: int) -> np.ndarray:
+    """The true pose: from the hall through the door, and round the room, 0.05 m a step."""
+    inside = se2.exp(np.array([0.05, 0.0, 0.05 / 0.9]) * max(step - 30, 0))
+    return se2.compose([4.9, 4.6 - 0.05 * min(step, 30), -np.pi / 2.0], inside)
+
+
+def test_the_inner_faces_of_a_room_that_was_only_looked_into_are_not_taken_for_the_outer_ones(looked_into):
+    cells, grid = looked_into
+    generator = np.random.default_rng(1)
+    T_odom_base = into_the_room(0)
+    found = Located(0, T_odom_base, se2.IDENTITY, np.diag([0.05, 0.05, 0.02]) ** 2, 0.9, "told")
+    tracker = MapTracker(reference_map(grid), found, TrackingSettings())
+    for step in range(1, 150):
+        truth = into_the_room(step)
+        T_odom_base = se2.compose(T_odom_base, 1.01 * se2.between(into_the_room(step - 1), truth))
+        place = tracker.add(step, points_at(cells, truth, generator), T_odom_base)
+        error = se2.between(truth, place.T_map_base)
+        assert np.hypot(*error[:2]) < 0.04
+        assert error[:2] @ np.linalg.solve(place.covariance[:2, :2], error[:2]) < 9.0
+    assert np.hypot(*se2.between(truth, T_odom_base)[:2]) > 0.06  # by odometry alone
+
+
+def test_a_scan_of_which_the_map_knows_little_counts_little():
+    cells = np.full((200, 200), -3.0, np.float32)
+    cells[100] = 3.0  # one wall along x, at y = 5.025 m
+    reference = reference_map(OccupancyGrid(cells, 0.05, np.zeros(3)))
+    wall = np.column_stack([np.linspace(-1.5, 1.5, 100), np.full(100, 0.975)])  # 0.05 m nearer than predicted
+    box = np.column_stack([np.linspace(-0.5, 0.5, 100), np.full(100, -1.0)])  # not on the map
+    found = Located(0, np.array([5.0, 4.0, 0.0]), np.zeros(3), np.diag([0.05, 0.05, 0.02]) ** 2, 0.9, "told")
+    corrections = []
+    for seen in (wall, np.vstack([wall, box, box])):
+        tracker = MapTracker(reference, found, TrackingSettings(step_m=0.0, min_hits=0.0, max_contradiction=1.0))
+        corrections.append(tracker.add(1, seen, np.array([5.0, 4.0, 0.0])).T_map_base[1] - 4.0)
+    assert corrections[0] == pytest.approx(0.05, abs=0.01)
+    assert 0.0 < corrections[1] < 0.75 * corrections[0]

@@ -101,6 +101,26 @@ def test_the_place_of_the_laser_on_the_body_is_heeded():
     assert np.hypot(*se2.between(pose, found.T_map_base)[:2]) < 0.15
 
 
+def test_a_room_that_was_only_looked_into_is_found_where_it_is(looked_into):
+    cells, grid = looked_into
+    relocaliser, generator = Relocaliser(reference_map(grid), RelocalisationSettings()), np.random.default_rng(2)
+    for step in range(60):
+        T_odom_base = se2.exp(np.array([0.1, 0.0, 0.1 / 0.9]) * step)
+        pose = se2.compose([5.4, 1.6, 0.3], T_odom_base)
+        cell_m = 0.02
+        headings = np.linspace(-np.pi, np.pi, BEAMS, endpoint=False)
+        starts = np.tile(pose[:2] / cell_m, (BEAMS, 1))
+        ranges = cast_rays(cells, starts, headings + pose[2], 12.0 / cell_m) * cell_m + generator.normal(
+            0.0, 0.01, BEAMS
+        )
+        points = np.column_stack([np.cos(headings), np.sin(headings)]) * ranges[:, np.newaxis]
+        found = relocaliser.add(step, points, T_odom_base)
+        if found is not None:
+            break
+    assert found is not None, relocaliser.reason
+    assert np.hypot(*se2.between(pose, found.T_map_base)[:2]) < 0.04
+
+
 def test_rooms_that_are_alike_are_not_told_apart():
     cells = building(furnished=False)
     relocaliser = Relocaliser(reference_map(grid_of(cells)), RelocalisationSettings())

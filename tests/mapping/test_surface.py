@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mapping import se2
-from mapping.surface import share_across, surface_of
+from mapping.surface import facings_of, share_across, surface_of
 
 ORIGIN = np.zeros(2)
 
@@ -99,3 +99,22 @@ def test_walls_across_are_few_in_a_corridor_and_half_in_a_square_room() -> None:
     assert share_across(np.vstack([along, across]) @ turn.T) == pytest.approx(0.05)
     assert share_across(np.vstack([along, along[:, ::-1]])) == pytest.approx(0.5)
     assert share_across(np.zeros((7, 2))) == 0.0
+
+
+@given(
+    yaw=st.floats(-np.pi, np.pi),
+    distance_m=st.floats(0.3, 8.0),
+    sensor=st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3)),
+)
+def test_every_sample_of_a_wall_faces_as_the_wall_does(yaw: float, distance_m: float, sensor) -> None:
+    seen = np.random.default_rng(0).permutation(wall(yaw, distance_m, np.linspace(-0.9, 0.9, 120)))
+    facings = facings_of(seen + sensor, np.array(sensor))
+    np.testing.assert_allclose(np.exp(1j * facings), -np.exp(1j * yaw) * np.ones(120), atol=1e-6)
+
+
+def test_where_there_is_no_straight_wall_a_sample_faces_the_sensor() -> None:
+    points = np.array([[2.0, 0.0], [0.0, 3.0], [-1.0, -1.0]])
+    facings = facings_of(points, np.array([0.0, 1.0]))
+    towards = np.array([0.0, 1.0]) - points
+    np.testing.assert_allclose(np.exp(1j * facings), towards @ [1, 1j] / np.hypot(*towards.T))
+    assert facings_of(np.zeros((0, 2)), ORIGIN).shape == (0,)

@@ -50,7 +50,29 @@ def test_nothing_is_met_along_the_wall_and_before_it(room):
 def test_a_car_that_touches_a_wall_may_only_leave_it(room):
     touching = 3.0 - NOSE_M + 0.02
     assert contact_at(room, way(touching, 2.0, 0.0, -0.01)) is None
-    assert contact_at(room, way(touching, 2.0, 0.0, 0.01, count=10)) == 0
+    assert contact_at(room, way(touching, 2.0, 0.0, 0.01, count=10)) == 1
+    assert contact_at(room, way(touching, 2.0, 0.0, 0.0, count=3)) is None
+
+
+def test_a_thin_wall_that_the_tail_touches_is_not_driven_through(room):
+    touching = 3.0 - TAIL_M + 0.02
+    poses = way(touching, 2.0, math.pi, -0.01)  # comes free on the other side, after 0.5 m
+    assert contact_at(room, poses) == 1
+
+
+def test_what_is_touched_does_not_excuse_what_comes_after(room):
+    cells = np.full((80, 80), -5.0, np.float32)
+    cells[:, 60] = 5.0
+    cells[:, 30] = 5.0  # its near side at x = 1.55 m
+    both = costmap(OccupancyGrid(cells, 0.05, ORIGIN), CAR, UnknownSpace.forbidden)
+    poses = way(3.0 - NOSE_M + 0.02, 2.0, 0.0, -0.01, count=150)
+    gap_m = 3.0 - NOSE_M + 0.02 - TAIL_M - 1.55
+    assert contact_at(both, poses) == math.ceil(gap_m / 0.01)
+
+
+def test_along_a_wall_that_is_touched_the_next_piece_is_a_contact(room):
+    beside = 3.0 - 0.096 + 0.01
+    assert contact_at(room, way(beside, 1.0, math.pi / 2, 0.01)) in range(1, 8)
 
 
 def test_the_edge_of_the_map_is_a_wall(room):

@@ -96,3 +96,15 @@ def test_an_emergency_stop_holds_until_it_is_released():
 def test_limits_without_sense_are_refused():
     with pytest.raises(PlanningError, match="pose_age_s is 0"):
         SafetyLimits(pose_age_s=0.0)
+
+
+def test_a_hold_lasts_as_long_as_its_reason_and_is_no_emergency_stop():
+    stage = rolling()
+    stage.hold("the vehicle is not ready")
+    held = stage.step(FORWARD, fresh(2.0), 2.0)
+    assert (held.command.speed_mps, held.reason, held.stopped) == (0.0, "the vehicle is not ready", True)
+    stage.emergency_stop("pressed")
+    stage.hold("")
+    assert stage.step(FORWARD, fresh(2.05), 2.05).stopped
+    stage.release()
+    assert stage.step(FORWARD, fresh(2.1), 2.1).command.speed_mps > 0.0

@@ -21,8 +21,10 @@ from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from mapping.raycast import cast_rays
 from tools.cli import main
+from tools.drive_bench import WORLD, Bench, Mapped
 from tools.log_windows import PosedScans
 from tools.simulated_drive import record_round_trip
+from tools.world import load_world
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +42,19 @@ class Outcome:
 
 
 Cli = Callable[..., Outcome]
+
+
+@pytest.fixture(scope="session")
+def exact_bench() -> Bench:
+    """Drives in the office, on a map that is made from the world itself, without error."""
+    world, resolution_m = load_world(WORLD), 0.05
+    rows, cols = np.nonzero(world.occupied)
+    scale = world.resolution_m / resolution_m
+    height, width = (int(np.ceil(size * scale)) for size in world.occupied.shape)
+    cells = np.full((height, width), -5.0, np.float32)
+    cells[(rows * scale).astype(int), (cols * scale).astype(int)] = 5.0
+    grid = OccupancyGrid(cells, resolution_m, world.origin)
+    return Bench(Mapped(grid, np.zeros((1, 3)), np.zeros(3)), 3)
 
 
 @pytest.fixture

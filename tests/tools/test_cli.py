@@ -287,7 +287,9 @@ def test_every_command_has_help(cli):
 
 def test_config_schema_describes_every_section(cli):
     schema = json.loads(cli("config", "schema").out)
-    assert set(schema["properties"]) == {"lidar", "depth", "replay", "odometry", "slam", "grid", "planning"}
+    assert set(schema["properties"]) == {
+        "lidar", "depth", "replay", "odometry", "slam", "grid", "planning", "vehicle", "drive",
+    }  # fmt: skip
 
 
 def test_version_is_printed(cli):

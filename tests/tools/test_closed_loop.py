@@ -10,9 +10,10 @@ from mapping.grid import OccupancyGrid
 from planning.plan import PlanSettings, plan
 from planning.vehicle import Vehicle
 from tools.autopilot import Autopilot, AutopilotState
-from tools.closed_loop import START_NS, ClosedLoop
+from tools.closed_loop import ClosedLoop
 from tools.config import Config
-from tools.driven_world import DrivenWorld
+from tools.path_search import PathSearchHere
+from tools.simulated_car import SimulatedCar
 from tools.world import World
 
 T_WORLD_MAP = np.array([0.5, -0.3, 0.4])  # the map's frame is not the world's
@@ -45,13 +46,14 @@ def saved_map(room):
 def loop(room, goal=GOAL, disturb=lambda *_: None):
     """A closed loop; disturb(loop, pilot, world, now_s)."""
     config = Config()
-    world = DrivenWorld(room, START, config.mount(), start_ns=START_NS, seed=3)
+    car = SimulatedCar(room, START, config.mount(), seed=3)
     T_map_world = se2.inverse(T_WORLD_MAP)
     told = se2.compose(se2.compose(T_map_world, START), np.array([0.04, -0.03, 0.04]))
     in_map = se2.compose(T_map_world, goal)
-    pilot = Autopilot(saved_map(room), Vehicle(), told, in_map, find_path, config.mount().pose[:2])
-    closed = ClosedLoop(world, pilot, config, disturb=lambda now_s: disturb(closed, pilot, world, now_s))
-    return closed, pilot, world
+    sensor = config.mount().pose[:2]
+    pilot = Autopilot(saved_map(room), Vehicle(), [in_map], PathSearchHere(find_path), sensor, guess=told)
+    closed = ClosedLoop(car, pilot, config, disturb=lambda now_s: disturb(closed, pilot, car.world, now_s))
+    return closed, pilot, car.world
 
 
 def test_the_car_arrives_on_its_own_pose(room):

@@ -16,18 +16,24 @@ from mapping import se2
 from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.sensor_models import LidarModel
 from mapping.trajectory import Trajectory
-from tools import demo_cars
-from tools.demo_cars import CarFiles, DemoCar, drive_live, run_command
-from tools.demo_mission import CARS, exit_code_of, run_demo
+from tools import demo_processes
+from tools.demo_cars import CARS, CarFiles, DemoCar, drive_live, explore_live
+from tools.demo_mission import exit_code_of, run_demo
+from tools.demo_processes import run_command
 from tools.demo_scores import MappedCar, score_common
 from tools.emulation import Drive
 from tools.errors import ToolError
+from tools.wall_contact import Room
 from tools.world import wings
 
 CAR = DemoCar("A", "A2M8", "wings-west", 0.05)
+DRIVEN = {
+    "arrived": True, "exit_code": 0, "away_m": 0.02, "turned_deg": 1.0, "contacts": 0,
+    "driven_m": 9.0, "driven_s": 30.0,
+}  # fmt: skip
 WHOLE = {
-    "cars": [{"identical": True}], "alignment": {"accepted": True}, "camera": {"accepted": True},
-    "plan": {"solved": True, "error": None},
+    "cars": [{"identical": True, "dropped_scans": 0}], "alignment": {"accepted": True}, "camera": {"accepted": True},
+    "plan": {"solved": True, "error": None}, "drive": DRIVEN,
 }  # fmt: skip
 
 
@@ -59,11 +65,15 @@ def test_demo_maps_fuses_and_plans(spawn, tmp_path):
     assert camera["trajectory_rms_m"] < 0.15
     assert camera["frames_apart_m"] > 5.0
     assert result["plan"]["solved"] is True
+    drive = result["drive"]
+    assert drive["arrived"] is True
+    assert drive["contacts"] == 0
+    assert drive["driven_m"] > 5.0
     assert cv2.imread(str(folder / "demo.png")).shape[0] > 500
     assert out.startswith("Simulated data")  # the result is on stdout, the progress is not
     assert "cm" in out
     assert "of the smaller map's free space" in out
-    assert "1/6" in err
+    assert "1/7" in err
 
 
 def mapped_without_error(car: DemoCar) -> MappedCar:
@@ -122,8 +132,8 @@ def children_of(process: int) -> set[int]:
 
 def test_a_run_that_dies_before_departure_ends_the_demo_with_its_name(tmp_path, monkeypatch):
     """A run that ends at once, as one does that is killed."""
-    entry = demo_cars._ENTRY
-    monkeypatch.setattr(demo_cars, "_ENTRY", f"import sys\nif 'run' in sys.argv: sys.exit(9)\n{entry}")
+    entry = demo_processes._ENTRY
+    monkeypatch.setattr(demo_processes, "_ENTRY", f"import sys\nif 'run' in sys.argv: sys.exit(9)\n{entry}")
     before = children()
     with pytest.raises(ToolError, match="car A: run ended with exit code 9 before 'departed'"):
         drive_live([(CAR, CarFiles(tmp_path))], 0, lambda: False, lambda _text: None)
@@ -147,9 +157,45 @@ time.sleep(60)
 """
 
 
+EXPLORER = """
+import json, signal, sys, time
+signal.signal(signal.SIGINT, lambda *_: stop())
+def stop():
+    say(event="stopped", samples_emitted=7)
+    sys.exit(0)
+def say(**event): print(json.dumps(event), flush=True)
+if "run" in sys.argv:
+    sys.exit(CODE if "--map" not in sys.argv and sys.argv.count("--goal") == 2 else 1)
+say(event="ready", vehicle="udpout:127.0.0.1:9")
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_cars_that_explore_end_by_themselves(code, tmp_path, monkeypatch):
+    monkeypatch.setattr(demo_processes, "_ENTRY", EXPLORER.replace("CODE", str(code)))
+    before, told = children(), list[str]()
+    car = DemoCar(
+        "A", "A2M8", "wings-west", 0.05, goals=((*Drive.tour("wings-west").truth.poses[0],), (2.2, 6.9, 1.57))
+    )
+    cars = [(car, CarFiles(tmp_path))]
+    if code:
+        with pytest.raises(ToolError, match="car A: run failed with exit code 3"):
+            explore_live(cars, 0, lambda: False, told.append)
+    else:
+        assert explore_live(cars, 0, lambda: False, told.append) == [7]
+        assert "--goal 0.0000 0.0000 0.0000" in told[0]  # the car's start, on its own map
+    assert children() == before
+
+
+def test_goals_of_the_cars_have_room():
+    room = Room(wings())
+    assert all(room(np.array(goal)) for car in CARS for goal in car.goals)
+
+
 @pytest.mark.parametrize("drives_s", [("3.0", "5.0"), ("5.0", "3.0")])  # seconds: the stand-ins need some to start
 def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monkeypatch):
-    monkeypatch.setattr(demo_cars, "_ENTRY", STAND_IN)
+    monkeypatch.setattr(demo_processes, "_ENTRY", STAND_IN)
     before = children()
     cars = [
         (DemoCar(name, "A2M8", drive, 0.05), CarFiles(tmp_path)) for name, drive in zip("AB", drives_s, strict=True)
@@ -164,6 +210,7 @@ def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monk
         ({}, 0),
         ({"alignment": {"accepted": False}, "plan": {"solved": False, "error": "NOT_FUSED"}}, 3),
         ({"camera": {"accepted": False}}, 3),
+        ({"cars": [{"identical": False, "dropped_scans": 2}]}, 0),  # a car that drives itself leaves out old scans
     ],
 )
 def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
@@ -173,8 +220,10 @@ def test_the_exit_code_tells_whether_the_maps_were_fused(changed, expected):
 @pytest.mark.parametrize(
     ("changed", "words"),
     [
-        ({"cars": [{"identical": False}]}, "replay differs"),
-        ({"plan": {"solved": False, "error": "TIMEOUT"}}, "TIMEOUT"),
+        ({"cars": [{"identical": False, "dropped_scans": 0}]}, "replay differs"),
+        ({"plan": {"solved": False, "error": "TIMEOUT"}, "drive": None}, "TIMEOUT"),
+        ({"drive": DRIVEN | {"arrived": False, "exit_code": 3}}, "did NOT arrive"),
+        ({"drive": DRIVEN | {"contacts": 2}}, "2 CONTACTS"),
     ],
 )
 def test_a_demo_that_failed_says_why(changed, words):

@@ -106,7 +106,7 @@ from drivers.rplidar_emulator import RplidarEmulator
 from drivers.rplidar_models import A2M8
 from tools.config import Config, parse
 from tools.emulation import Drive, simulated_lidar
-from tools.lidar_session import run_session
+from tools.lidar_session import SensorPorts, run_session
 from tools.pipeline import warm_up
 from tools.replay_run import replay_recording
 from tools.signals import Stop
@@ -120,7 +120,7 @@ def live():
     emulator = RplidarEmulator(A2M8, ranger, startup_s=-0.2)
     with PtyPort(emulator, A2M8.baud) as port:
         threading.Timer(2.5, stop.set).start()
-        return run_session(port.name, config, lambda: folder, stop, record=True, camera_port=camera)
+        return run_session(SensorPorts(port.name, camera), config, lambda: folder, stop, record=True)
 
 folder.mkdir()
 warm_up()

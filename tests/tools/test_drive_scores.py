@@ -13,7 +13,7 @@ from planning.safety import SafeCommand
 from planning.vehicle import Vehicle
 from tools.autopilot import AutopilotState, Drive
 from tools.closed_loop import Tick
-from tools.drive_scores import TrueDrive, arrival, contacts, largest_cross_track_m, stop_after
+from tools.drive_scores import TrueDrive, arrival, contacts, largest_cross_track_m, place_off_m, stop_after
 from tools.world import World
 
 
@@ -68,12 +68,16 @@ def test_a_wall_that_the_body_reaches_is_a_contact():
     assert contacts(straight(0.16, seconds=2.0), world, Vehicle()) == 0  # it never gets there
 
 
+def sent(until_s=4.0):
+    """Setpoints of half a metre a second that end, or turn to standstill, at a time."""
+    return [(t, 0.5 if t < until_s else 0.0) for t in np.arange(0.0, 4.0, 0.05).tolist()]
+
+
 def test_a_stop_counts_from_the_event_to_the_last_motion():
     truth = straight()
     truth.speeds_mps[:210] = 0.2
     truth.speeds_mps[250:] = 0.0
-    ticks = [tick(t, 0.5 if t < 2.18 else 0.0) for t in np.arange(0.0, 4.0, 0.05)]
-    stop = stop_after(truth, ticks, 2.0)
+    stop = stop_after(truth, sent(2.18), 2.0)
     assert stop.command_s == pytest.approx(0.2)
     assert stop.stood_s == pytest.approx(0.5)
     assert stop.speed_mps == 0.5  # it brakes from that, however slow it was at the event
@@ -83,6 +87,23 @@ def test_a_stop_counts_from_the_event_to_the_last_motion():
 
 
 def test_a_car_that_never_stops_is_not_in_time():
-    stop = stop_after(straight(), [tick(t) for t in np.arange(0.0, 4.0, 0.05)], 2.0)
+    stop = stop_after(straight(), sent(), 2.0)
     assert (stop.command_s, stop.stood_s) == (math.inf, math.inf)
     assert not stop.in_time(0.6, 1.5, 0.1)
+    assert not stop.by_timeout(3.0, 1.5, 0.1)
+
+
+def test_where_nothing_is_sent_any_more_the_vehicles_timeout_counts():
+    truth = straight()
+    truth.speeds_mps[350:] = 0.0
+    stop = stop_after(truth, [item for item in sent() if item[0] < 2.0], 2.0)
+    assert (stop.command_s, stop.event_mps) == (math.inf, 0.5)
+    assert stop.by_timeout(1.1, 1.5, 0.1)
+    assert not stop.by_timeout(1.0, 1.5, 0.1)
+
+
+def test_the_place_is_off_by_its_distance_from_the_truth_at_its_stamp():
+    truth = straight(0.0)
+    places = [(t, np.array([1.0 + 0.5 * t + 0.03, off, 0.0])) for t, off in ((1.005, 0.0), (2.0, 0.04))]
+    assert place_off_m(truth, places) == pytest.approx(0.05)
+    assert place_off_m(truth, []) == 0.0

@@ -115,3 +115,6 @@ def test_a_udev_rule_is_printed(cli) -> None:
     assert (outcome.code, outcome.out.strip().endswith('SYMLINK+="rplidar"')) == (0, True)
     assert cli("udev-rule", "--name", "two words").code == 2
     assert cli("udev-rule", "/dev/ttyNone").code == 4
+    assert cli("udev-rule", "--device", "vehicle").out.count('SYMLINK+="vehicle"\n') == 3
+    assert cli("udev-rule", "--device", "camera").out.count('SYMLINK+="camera"\n') == 2
+    assert cli("udev-rule", "--device", "camera", "/dev/ttyNone").code == 2

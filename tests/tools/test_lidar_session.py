@@ -17,7 +17,7 @@ from drivers.rplidar_models import A2M8
 from tools.config import ConfigError, parse
 from tools.emulated_camera import EmulatedCar
 from tools.emulation import Drive, simulated_lidar
-from tools.lidar_session import run_session, session_is_whole
+from tools.lidar_session import SensorPorts, run_session, session_is_whole
 from tools.replay_run import recorded_config, replay_recording
 from tools.signals import Stop
 
@@ -28,7 +28,7 @@ def live_run(folder, config):
     emulator = RplidarEmulator(A2M8, simulated_lidar("office", drive, noise=True, seed=3), startup_s=-0.2)
     stop = Stop()
     with PtyPort(emulator, A2M8.baud) as port:
-        return run_session(port.name, config, lambda: begun(folder, 2.5, stop), stop, record=True)
+        return run_session(SensorPorts(port.name), config, lambda: begun(folder, 2.5, stop), stop, record=True)
 
 
 def begun(folder, seconds, stop):
@@ -73,7 +73,7 @@ def test_a_lidar_that_is_unplugged_for_a_while_costs_that_while_and_no_more(tmp_
         return folder
 
     with PtyPort(emulator, A2M8.baud, link=link) as port:
-        report, fault = run_session(str(link), parse({}, "test"), begin, stop, record=True)
+        report, fault = run_session(SensorPorts(str(link)), parse({}, "test"), begin, stop, record=True)
     assert fault is None
     assert report["lidar_losses"] == 1
     assert session_is_whole(report)
@@ -98,7 +98,7 @@ def test_the_map_goes_into_the_recording_while_the_car_drives(live_s, least, mos
 def test_wheels_are_refused_before_the_port_is_opened(tmp_path):
     with pytest.raises(ConfigError, match="wheel"):
         run_session(
-            "nowhere",
+            SensorPorts("nowhere"),
             parse({"odometry": {"source": "wheel"}}, "test"),
             lambda: tmp_path,
             Stop(),
@@ -119,7 +119,7 @@ def test_lidar_and_camera_of_one_car_and_the_same_maps_from_the_recording(tmp_pa
     folder, stop = tmp_path / "live", Stop()
     with PtyPort(emulator, A2M8.baud) as port:
         report, fault = run_session(
-            port.name, config, lambda: begun(folder, 5.0, stop), stop, record=True, camera_port=f"emulated:{car}"
+            SensorPorts(port.name, f"emulated:{car}"), config, lambda: begun(folder, 5.0, stop), stop, record=True
         )
     assert fault is None
     assert session_is_whole(report)
@@ -138,7 +138,7 @@ def test_a_camera_alone_is_mapped_and_recorded(tmp_path):
     config = parse({"depth": {"width": 424, "height": 240, "fps": 15}}, "test")
     stop = Stop()
     report, fault = run_session(
-        None, config, lambda: begun(tmp_path / "live", 5.0, stop), stop, record=True, camera_port="emulated:office"
+        SensorPorts(None, "emulated:office"), config, lambda: begun(tmp_path / "live", 5.0, stop), stop, record=True
     )
     assert fault is None
     assert report["simulated"]

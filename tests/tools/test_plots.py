@@ -23,7 +23,8 @@ def placed(title: str) -> PlacedMaps:
 
 
 def picture(path: np.ndarray) -> MissionPicture:
-    return MissionPicture(placed("lidars"), strip(0.0), path, placed("lidar and camera"), "t")
+    driven = path + np.array([0.0, 0.1, 0.0])
+    return MissionPicture(placed("lidars"), strip(0.0), path, driven, placed("lidar and camera"), "t")
 
 
 def test_what_both_saw_has_a_colour_of_its_own():

@@ -164,12 +164,11 @@ def test_a_pool_without_hypotheses_is_a_score_of_none(ranking, pools):
     assert instructive(empty).shape == (0,)
 
 
-def test_too_little_to_learn_from_is_told(pools):
+def test_too_little_to_learn_from_is_told(pools, held_out):
     one_building = [pool for pool in pools if set(pool.buildings) == {"hall"}]
     with pytest.raises(ToolError, match="of 1 building: to calibrate"):
         held_out_scores(one_building, GROWTH)
     with pytest.raises(ToolError, match="buildings left out are all wrong"):
         curve(np.array([0.3, 0.4]), np.array([False, False]))
-    held_out = held_out_scores(pools, GROWTH)
     with pytest.raises(ToolError, match="without castle there is nothing to learn from"):
         ranking_without(held_out, frozenset(("castle",)))

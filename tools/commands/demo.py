@@ -16,17 +16,21 @@ def demo(
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results; emptied of a former demo.")
     ] = Path("runs/demo"),
     seed: Annotated[int, typer.Option(min=0, help="Seed of the sensor noise and of the random samples.")] = 0,
+    explore: Annotated[
+        bool, typer.Option("--explore", help="The two cars drive themselves while they map: run --goal, without --map.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Two emulated cars map a building, their maps become one, and a path is planned on it; scored against the truth.
+    """Two emulated cars map a building, their maps become one, and one drives on it to where the other one started.
 
-    Takes about two minutes. All data are simulated; everything above the serial ports is what runs on the cars. Leaves
-    demo.png and demo.json, and each car's results. Exit code 3: the maps were not fused; 1: no path was found, or a
-    replay differs from its live run.
+    Takes about three minutes. All data are simulated; everything above the serial ports is what runs on the cars.
+    Leaves demo.png and demo.json, scored against the truth, and each car's results. Exit code 3: the maps were not
+    fused; 1: no path was found, the car did not arrive or touched something, or a replay differs from its live run.
     """
-    from tools.demo_mission import exit_code_of, run_demo, table
+    from tools.demo_mission import exit_code_of, run_demo
+    from tools.demo_table import table
 
-    report = run_demo(output, seed)
+    report = run_demo(output, seed, explore=explore)
     if report is None:
         raise typer.Exit(ExitCode.CUT_OFF)
     if as_json:

@@ -182,3 +182,65 @@ def rover(
     vehicle = make_rover(pose, fault or [], timeout_s, seed)
     with stop_on_signals() as stop:
         serve_rover(vehicle, address, stop, serial_link=link, truth=truth, as_json=as_json)
+
+
+@app.command()
+def car(
+    pose: Annotated[
+        tuple[float, float, float], typer.Option(metavar="X Y YAW", help="Where it stands at first, in m and rad.")
+    ],
+    world: Annotated[str, typer.Option(metavar="MAP", help="A map's YAML file, 'office' or 'wings'.")] = "office",
+    rover_at: Annotated[
+        str,
+        typer.Option(
+            "--rover",
+            metavar="ADDRESS",
+            help="udpout:HOST:PORT sends there, udp:HOST:PORT waits to be spoken to, serial:PATH makes a port.",
+        ),
+    ] = "udpout:127.0.0.1:14550",
+    lidar_link: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Make this a symbolic link to the lidar's port.")
+    ] = None,
+    model: Annotated[str, typer.Option(help="The lidar: A2M4, A2M6, A2M8 (115200 baud) or A2M12 (256000).")] = "A2M8",
+    noise: Annotated[bool, typer.Option("--noise/--no-noise", help="Range noise and missing returns.")] = True,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of noise, odometry and faults.")] = 0,
+    timeout_s: Annotated[
+        float | None,
+        typer.Option("--timeout", metavar="S", min=0.1, help="It stops so long after a setpoint; else 3 s."),
+    ] = None,
+    lidar_fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND[=VALUE][@START[+S]]", help="As --fault of `emulate lidar`; may be repeated."),
+    ] = None,
+    rover_fault: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KIND[=VALUE][@START[+S]]", help="As --fault of `emulate rover`; may be repeated."),
+    ] = None,
+    truth: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the true drive (TUM, wall-clock stamps) at the end.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """A whole car: an RPLIDAR A2 and a MAVLink vehicle that drives through a world, in real time; serves until Ctrl-C.
+
+    The lidar sees the world from where the vehicle's setpoints have brought the car. A wall stops the car, and is
+    announced as a contact. Where the computer is too busy, the whole car waits. See docs/vehicle.md.
+    """
+    from drivers.rplidar_models import MODELS
+    from tools.car_emulation import CarWanted, EmulatedVehicle, rover_address, serve_car
+    from tools.emulation import read_faults
+    from tools.results import check_new_file
+    from tools.signals import stop_on_signals
+
+    if model not in MODELS:
+        raise UsageError(f"--model {model}: unknown, choose one of {', '.join(MODELS)}")
+    if not all(math.isfinite(value) for value in pose):
+        raise UsageError(f"--pose {pose[0]:g} {pose[1]:g} {pose[2]:g}: expected finite x and y in m and yaw in rad")
+    address, script = rover_address(rover_at), read_faults(lidar_fault or [], None, seed)
+    if truth is not None:
+        check_new_file(truth)
+    wanted = CarWanted(
+        world, pose, MODELS[model], lidar_link, script, tuple(rover_fault or ()), timeout_s, noisy=noise, seed=seed
+    )
+    with stop_on_signals() as stop:
+        serve_car(EmulatedVehicle(wanted), address, stop, truth=truth, as_json=as_json)
