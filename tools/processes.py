@@ -12,6 +12,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -64,6 +65,19 @@ def in_processes(
         yield from processes.map(work, *tasks)
 
 
+def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
+    """Prepare a new process, which ends when the one that it works for was killed: nothing else would tell it."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    prepare(*arguments)
+
+
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
+
+
 def as_finished(
     work: Callable[..., Result],
     tasks: Mapping[Key, Sequence[Any]],
@@ -80,7 +94,7 @@ def as_finished(
         yield from ((key, work(*arguments)) for key, arguments in tasks.items())
         return
     context = multiprocessing.get_context("spawn")
-    processes = ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context, initializer=first[0], initargs=first[1])
+    processes = ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context, initializer=_begin, initargs=first)
     waiting, running = iter(tasks.items()), dict[Future[Result], Key]()
     try:
         while True:
