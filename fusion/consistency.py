@@ -27,16 +27,19 @@ _ROUNDS = 20
 class ConsistencyRule:
     """When edges contradict each other, and when one is left in doubt.
 
-    chi2: squared normalised error around a cycle at the most; 3 degrees of freedom, 16.27 is 99.9 %. floor_m,
-    floor_rad: standard deviation that each edge has at the least, at the middle of its second map: maps bend, which
-    covariances of single pairs tell in part only. least_log_odds: by how much the best structure must outweigh the best
+    chi2: squared normalised error around a cycle at the most; 3 degrees of freedom, 16.27 is 99.9 %. bend_m, bend_rad:
+    standard deviation, at the middle of its second map, that each edge gets on top where cycles are checked: maps bend,
+    which covariances of single pairs tell in part only. floor_m, floor_rad: the same for the poses: pairs that share a
+    map err alike. least_log_odds: by how much the best structure must outweigh the best
     one without an edge, where cycles contradict: 2.2 is the probability 0.9. certain: log-odds that count at the most.
     agreement: log-odds that an edge adds by closing a cycle; 3 says that a wrong one does so once in 20 times.
     """
 
     chi2: float = 16.27
-    floor_m: float = 0.05
-    floor_rad: float = 0.01
+    bend_m: float = 0.05
+    bend_rad: float = 0.01
+    floor_m: float = 0.01
+    floor_rad: float = 0.002
     least_log_odds: float = 2.2
     certain: float = 7.0
     agreement: float = 3.0
@@ -137,7 +140,7 @@ def _chosen(
         if number in forest or number in without or root[link.a] != root[link.b]:
             continue
         way = _way(neighbours, links, link.a, link.b)
-        chi2 = _misfit(link, [links[each] for each in way])
+        chi2 = _misfit(link, [links[each] for each in way], np.diag([rule.bend_m, rule.bend_m, rule.bend_rad]) ** 2)
         if chi2 <= rule.chi2:
             kept.add(number)
             weight += link.weight + rule.agreement
@@ -163,14 +166,17 @@ def _way(neighbours: Sequence[Mapping[int, int]], links: Sequence[Link], start: 
     return way[::-1]
 
 
-def _misfit(link: Link, way: Sequence[Link]) -> float:
-    """Return the squared normalised error (3 degrees of freedom) between a link and a way from its a to its b."""
+def _misfit(link: Link, way: Sequence[Link], bend: FloatArray) -> float:
+    """Return the squared normalised error (3 degrees of freedom) between a link and a way from its a to its b.
+
+    bend (3, 3): covariance that each of them gets on top of its own.
+    """
     pose, covariance, here = se2.IDENTITY, np.zeros((3, 3)), link.a
     for each in way:
-        step, there = each, each.b
+        step, there = Link(each.a, each.b, each.pose, each.covariance + bend, each.weight), each.b
         if each.a != here:
             turned = inverse_jacobian(each.pose)
-            step = Link(each.b, each.a, se2.inverse(each.pose), turned @ each.covariance @ turned.T, each.weight)
+            step = Link(each.b, each.a, se2.inverse(each.pose), turned @ each.covariance @ turned.T + bend, each.weight)
             there = each.a
         before = lever(pose, step.pose)
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -179,7 +185,7 @@ def _misfit(link: Link, way: Sequence[Link]) -> float:
         pose, here = se2.compose(pose, step.pose), there
     error = np.asarray(pose) - link.pose
     error[2] = se2.wrap_angle(error[2])
-    return float(error @ np.linalg.solve(covariance + link.covariance, error))
+    return float(error @ np.linalg.solve(covariance + link.covariance + bend, error))
 
 
 def roots(count: int, links: Sequence[Link]) -> list[int]:

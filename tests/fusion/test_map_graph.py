@@ -11,7 +11,7 @@ from fusion.alignment import inverse_jacobian
 from fusion.map_graph import MapEdge, Structure, connect, disagreement
 from mapping import se2
 
-FLOOR = np.array([0.05, 0.05, 0.01]) ** 2  # of the rule
+FLOOR = np.array([0.01, 0.01, 0.002]) ** 2  # of the rule
 COVARIANCE = np.diag([0.01, 0.01, 0.002]) ** 2
 
 
