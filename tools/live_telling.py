@@ -106,8 +106,8 @@ class _ToldVehicle:
                     self._put(message)
             self.telling.tell(self.place, now_ns)
         except DriverError as error:
-            self.fault = str(error)
             log.warning("the vehicle is told nothing more: %s; mapping and recording go on", error)
+            self.fault = str(error)
         return None
 
     def emergency_stop(self, reason: str) -> None:

@@ -119,8 +119,11 @@ def live():
     ranger = simulated_lidar("office", Drive.tour("office"), noise=True, seed=3)
     emulator = RplidarEmulator(A2M8, ranger, startup_s=-0.2)
     with PtyPort(emulator, A2M8.baud) as port:
-        threading.Timer(2.5, stop.set).start()
-        return run_session(SensorPorts(port.name, camera), config, lambda: folder, stop, record=True)
+        return run_session(SensorPorts(port.name, camera), config, lambda: begun(stop), stop, record=True)
+
+def begun(stop):
+    threading.Timer(2.5, stop.set).start()  # the sensors have started, however long that took
+    return folder
 
 folder.mkdir()
 warm_up()
