@@ -19,11 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import LogOdds, OccupancyGrid
+from planning.both_ends import search_from_both_ends
 from planning.cancel_flag import CancelFlag
 from planning.costmap import Costmap, UnknownSpace, costmap
 from planning.costmap_update import Window, update
 from planning.ends import GoalTolerance
 from planning.errors import PlanningError
+from planning.first_path import Deadline
+from planning.ompl_planners import Limits
 from planning.path import Path
 from planning.plan import Planner, PlanResult, PlanSettings, never, plan
 from planning.replan import replan
@@ -152,13 +155,9 @@ def warm_up(clock: Clock) -> None:
             answers.to(NewMap(grid, vehicle, unknown), never)
             for request in requests:
                 answers.to(request, never)
-    cells = np.full((18, 60), 5.0, np.float32)  # a passage whose gaps no car gets through, so that all is searched
-    cells[3:15, 2:58] = -5.0
-    cells[7:15, 30] = cells[3:11, 34] = 5.0
-    answers = Answers(clock)
-    answers.to(NewMap(OccupancyGrid(cells, 0.05, np.zeros(3)), Vehicle(), UnknownSpace.forbidden), never)
-    brief = PlanSettings(iterations=3, time_limit_s=0.2)
-    answers.to(Order(np.array([0.8, 0.4, 0.0]), np.array([2.2, 0.5, 0.0]), brief, 1), never)
+    known = costmap(grid, Vehicle(), UnknownSpace.forbidden)
+    limits = Limits(clock, never, time_limit_s=patient.time_limit_s)
+    search_from_both_ends(known, known.local(np.array([start, goal])), Deadline(limits, clock()))
 
 
 class Answers:
