@@ -217,23 +217,11 @@ def _search(space: _Space, car: _Car, lattice: _Lattice, tree: _Tree, most: int)
             to_go_m = _to_go_m(lattice, at_x, at_y)
             if to_go_m == math.inf:
                 continue
-            place, is_taken = _find(tree.table, _cell(lattice, at_x, at_y, at_yaw))
-            if is_taken or not edge_is_free(
-                space.blocked,
-                space.distance_m,
-                space.cell_m,
-                space.corners,
-                space.outer_radius_m,
-                move,
-                move_turn,
-                x,
-                y,
-                yaw,
-                car.radius_m,
-                STEP_M,
-            ):
+            cell = _cell(lattice, at_x, at_y, at_yaw)
+            place, is_taken = _find(tree.table, cell)
+            if is_taken or not _is_free(space, car, move, move_turn, x, y, yaw):
                 continue
-            tree.table[place] = _cell(lattice, at_x, at_y, at_yaw)
+            tree.table[place] = cell
             cost_m = tree.cost_m[node] + lattice.step_m * (car.reverse_cost if gear < 0 else 1.0)
             if tree.gears[node] == -gear:
                 cost_m += car.cusp_cost_m
@@ -260,34 +248,21 @@ def _word_is_free(
     end_x, end_y, end_yaw = lattice.end[0], lattice.end[1], lattice.end[2]
     if lattice.sense < 0:
         x, y, yaw, end_x, end_y, end_yaw = end_x, end_y, end_yaw, x, y, yaw
-    steer(
-        car.kind,
-        x,
-        y,
-        yaw,
-        end_x,
-        end_y,
-        end_yaw,
-        car.radius_m,
-        car.reverse_cost,
-        car.cusp_cost_m,
-        word,
-        turns,
-    )
-    return edge_is_free(
-        space.blocked,
-        space.distance_m,
-        space.cell_m,
-        space.corners,
-        space.outer_radius_m,
-        word,
-        turns,
-        x,
-        y,
-        yaw,
-        car.radius_m,
-        STEP_M,
-    )
+    costs = (car.radius_m, car.reverse_cost, car.cusp_cost_m)
+    steer(car.kind, x, y, yaw, end_x, end_y, end_yaw, *costs, word, turns)
+    return _is_free(space, car, word, turns, x, y, yaw)
+
+
+@njit(cache=True)
+def _is_free(
+    space: _Space, car: _Car, lengths: FloatArray, turns: NDArray[np.int64], x: float, y: float, yaw: float
+) -> bool:
+    """Whether the car may drive pieces from a pose on."""
+    free: bool = edge_is_free(
+        space.blocked, space.distance_m, space.cell_m, space.corners, space.outer_radius_m,
+        lengths, turns, x, y, yaw, car.radius_m, STEP_M,
+    )  # fmt: skip
+    return free
 
 
 @njit(cache=True)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from drivers.datagram_link import DatagramLink
 from drivers.emulated_faults import FaultScript
-from drivers.mavlink_address import AddressError, MavlinkAddress, parse_address
+from drivers.mavlink_address import MavlinkAddress
 from drivers.mavlink_rover import MavlinkRover
 from drivers.pty_port import PtyPort
 from drivers.rplidar_models import EmulatedModel
@@ -28,7 +28,7 @@ from tools.driven_world import DrivenWorld
 from tools.emulation import EmulatedSensor
 from tools.errors import UsageError
 from tools.results import writing_to
-from tools.rover_emulation import SERIAL_BAUD, make_rover, serve_over_network
+from tools.rover_emulation import SERIAL_BAUD, make_rover, network_address, serve_over_network
 from tools.wall_contact import Room
 from tools.world import load_world
 
@@ -111,13 +111,7 @@ def rover_address(text: str) -> MavlinkAddress:
     path = text.removeprefix("serial:")
     if path != text and path:
         return MavlinkAddress("serial", path, SERIAL_BAUD)
-    try:
-        address = parse_address(text)
-    except AddressError as error:
-        raise UsageError(f"--rover: {error}") from error
-    if not address.kind.startswith("udp"):
-        raise UsageError(f"--rover {text}: expected udpout:HOST:PORT, udp:HOST:PORT or serial:PATH, which is made")
-    return address
+    return network_address(text, "--rover", "serial:PATH makes a serial port")
 
 
 def serve_car(

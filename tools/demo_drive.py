@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,15 +10,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping import se2
 from mapping.trajectory import Trajectory, read_tum
 from tools.demo_processes import PATIENCE_S, Stopped, command_processes
+from tools.drive_scores import arrival
 from tools.errors import ToolError
 from tools.exit_codes import ExitCode
 from tools.results import Report
 
 FloatArray = NDArray[np.float64]
-ARRIVED_M, ARRIVED_RAD = 0.15, math.radians(15.0)  # 0.10 m of driving, and what the maps are fused with
+_ARRIVED_M = 0.15  # 0.10 m of driving, and what the maps are fused with
 _MOVED_M = 0.005  # between two poses of the truth
 _SETTINGS = "slam: {refine: false}\n"  # nobody needs the map of this drive
 
@@ -77,17 +76,16 @@ def drive_to_goal(
 def score_drive(outcome: DriveOutcome, goal_in_world: FloatArray) -> Report:
     """Return how far from a true pose (3,) the car really stood at the end, and how it got there."""
     poses = outcome.truth.poses
-    off = se2.between(goal_in_world, poses[-1])
-    away_m, turned_rad = float(np.hypot(off[0], off[1])), abs(float(off[2]))
+    end = arrival(poses[-1], goal_in_world)
     moving = np.flatnonzero(np.hypot(*np.diff(poses[:, :2], axis=0).T) > _MOVED_M)
     seconds = 0.0
     if len(moving):
         seconds = float(outcome.truth.stamps_ns[moving[-1] + 1] - outcome.truth.stamps_ns[moving[0]]) * 1e-9
     return {
-        "arrived": outcome.code == ExitCode.OK and away_m <= ARRIVED_M and turned_rad <= ARRIVED_RAD,
+        "arrived": outcome.code == ExitCode.OK and end.is_within(_ARRIVED_M),
         "exit_code": int(outcome.code),
-        "away_m": round(away_m, 4),
-        "turned_deg": round(float(np.degrees(turned_rad)), 2),
+        "away_m": round(end.away_m, 4),
+        "turned_deg": round(float(np.degrees(end.turned_rad)), 2),
         "contacts": outcome.contacts,
         "driven_m": round(outcome.truth.length_m, 2),
         "driven_s": round(seconds, 1),

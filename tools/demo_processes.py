@@ -6,18 +6,14 @@ import json
 import queue
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 
 from tools.errors import ToolError
+from tools.processes import own_command
 
-# The package is found beside this file even where the current folder has one called `tools` too.
-_PROGRAM = f"import sys; sys.path.insert(0, {str(Path(__file__).resolve().parent.parent)!r})"
-_ENTRY = f"{_PROGRAM}; from tools.cli import main; main()"
 _POLL_S = 0.1
 PATIENCE_S = 300.0  # for each step of starting up, and for saving: a small computer compiles what is compiled first
 _GRACE_S = 20.0
@@ -29,8 +25,7 @@ class CommandProcess:
 
     def __init__(self, name: str, arguments: Sequence[str]) -> None:
         self.name = name
-        command = [sys.executable, "-c", _ENTRY, *arguments]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603
+        self._process = subprocess.Popen(own_command(arguments), stdout=subprocess.PIPE, text=True)  # noqa: S603
         self._lines: queue.Queue[str] = queue.Queue()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

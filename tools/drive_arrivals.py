@@ -11,7 +11,6 @@ from tools.drive_bench import Bench
 from tools.drive_scores import arrival, contacts, largest_cross_track_m, place_off_m
 from tools.results import Report
 
-ARRIVED_M, ARRIVED_RAD = 0.10, math.radians(15.0)
 MOST_S = 150.0
 
 
@@ -21,10 +20,9 @@ def drive_to_goal(bench: Bench, number: int) -> Report:
     loop, pilot, car = case.loop()
     loop.run(MOST_S)
     truth = case.truth(car)
-    end = arrival(truth, case.goal)
-    near = end.away_m <= ARRIVED_M and end.turned_rad <= ARRIVED_RAD
+    end = arrival(truth.in_map[-1], case.goal)
     return {
-        "arrived": pilot.state is AutopilotState.arrived and near,
+        "arrived": pilot.state is AutopilotState.arrived and end.is_within(),
         "state": pilot.state.value,
         "fault": loop.drive.fault,
         "goal_m": round(end.away_m, 4),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mapping import se2
 from planning.path import Path
 from tools.autopilot import Autopilot, AutopilotState
-from tools.drive_arrivals import ARRIVED_M, ARRIVED_RAD, MOST_S
+from tools.drive_arrivals import MOST_S
 from tools.drive_bench import Bench, Case
 from tools.drive_scores import arrival, contacts, largest_cross_track_m, place_off_m
 from tools.driven_world import DrivenWorld
@@ -88,8 +88,8 @@ def _boxed_drive(case: Case) -> Report | None:
     if box.put_s is None:
         return None
     truth = case.truth(car)
-    end = arrival(truth, case.goal)
-    arrived = pilot.state is AutopilotState.arrived and end.away_m <= ARRIVED_M and end.turned_rad <= ARRIVED_RAD
+    end = arrival(truth.in_map[-1], case.goal)
+    arrived = pilot.state is AutopilotState.arrived and end.is_within()
     hits = contacts(truth, car.world.world, bench.vehicle, box.put_s)
     told = pilot.state is AutopilotState.no_way
     return {

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tools.drive_arrivals import ARRIVED_M, ARRIVED_RAD
+from tools.drive_scores import ARRIVED_M, ARRIVED_RAD
 from tools.drive_stops import STOP_S, TIMEOUT_S, StopCause
 from tools.results import Report
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from tools.world import World
 
 FloatArray = NDArray[np.float64]
 
+ARRIVED_M, ARRIVED_RAD = 0.10, math.radians(15.0)
 _WINDOW_M = 0.6  # around where the follower thinks it is: a path may pass a place twice
 _STANDING_MPS = 1e-3
 _TURN_S = 0.03  # of the vehicle's loop, of the simulator's steps
@@ -44,10 +46,14 @@ class Arrival:
     away_m: float
     turned_rad: float
 
+    def is_within(self, away_m: float = ARRIVED_M) -> bool:
+        """Whether that is near enough, and the car turned the right way."""
+        return self.away_m <= away_m and self.turned_rad <= ARRIVED_RAD
 
-def arrival(truth: TrueDrive, goal: FloatArray) -> Arrival:
-    """Compare the last pose with a goal (3,) in the map."""
-    off = se2.between(goal, truth.in_map[-1])
+
+def arrival(end: FloatArray, goal: FloatArray) -> Arrival:
+    """Compare where a car stands at the end (3,) with its goal (3,)."""
+    off = se2.between(goal, end)
     return Arrival(float(np.hypot(off[0], off[1])), abs(float(off[2])))
 
 

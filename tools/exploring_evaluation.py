@@ -6,7 +6,6 @@ All of it is simulated, on a simulated clock, by the bytes of lidar and vehicle 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -15,15 +14,15 @@ from numpy.typing import NDArray
 
 from mapping import se2
 from mapping.grid import OccupancyGrid
-from planning.costmap import Costmap
-from planning.plan import PlanResult, PlanSettings, plan
 from planning.vehicle import Vehicle
 from tools.autopilot import Autopilot, AutopilotSettings, AutopilotState
 from tools.closed_loop import ClosedLoop
 from tools.config import Config
 from tools.demo_cars import CARS
+from tools.drive_bench import find_path
+from tools.drive_scores import arrival
 from tools.growing_ground import GrowingGround, exploring
-from tools.path_search import PathSearchHere
+from tools.path_search import PathSearchHere, PlanPath
 from tools.results import Report
 from tools.simulated_car import SimulatedCar
 from tools.wall_contact import Room
@@ -31,7 +30,6 @@ from tools.world import TOURS, World, load_world
 
 FloatArray = NDArray[np.float64]
 Pose = tuple[float, float, float]
-ARRIVED_M, ARRIVED_RAD = 0.10, math.radians(15.0)
 _MOST_S = 400.0
 
 
@@ -57,7 +55,7 @@ def usual_cases() -> list[ExploringCase]:
     return found
 
 
-def explore(case: ExploringCase, seed: int, find_path: Callable[..., PlanResult] | None = None) -> Report:
+def explore(case: ExploringCase, seed: int, find_path: PlanPath = find_path) -> Report:
     """Drive to all goals and return how it went; find_path: as tools.path_search.PathSearchHere wants it."""
     config, start = Config(), np.array(case.start)
     goals = [se2.between(start, np.array(goal)) for goal in case.goals]
@@ -68,21 +66,20 @@ def explore(case: ExploringCase, seed: int, find_path: Callable[..., PlanResult]
         return loop.grid_now()
 
     ground = GrowingGround(grid_now, Vehicle(), settings, goals)
-    pilot = Autopilot(ground, Vehicle(), goals, PathSearchHere(find_path or _find_path), settings=settings)
+    pilot = Autopilot(ground, Vehicle(), goals, PathSearchHere(find_path), settings=settings)
     loop = ClosedLoop(car, pilot, config, live=True)
     loop.run(_MOST_S)
     stamps_ns, poses, _ = car.world.truth
-    off = se2.between(np.array(case.goals[-1]), poses[-1])
-    away_m, turned_rad = float(np.hypot(off[0], off[1])), abs(float(off[2]))
+    end = arrival(poses[-1], np.array(case.goals[-1]))
     room = Room(case.world)
     at_last = pilot.state is AutopilotState.arrived
     return {
         "name": case.name,
-        "arrived": at_last and away_m <= ARRIVED_M and turned_rad <= ARRIVED_RAD,
+        "arrived": at_last and end.is_within(),
         "goals": len(goals),
         "reached": pilot.goal_number + at_last,
-        "away_m": round(away_m, 4),
-        "turned_deg": round(math.degrees(turned_rad), 2),
+        "away_m": round(end.away_m, 4),
+        "turned_deg": round(math.degrees(end.turned_rad), 2),
         "driven_m": round(float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()), 2),
         "driven_s": round(float(stamps_ns[-1] - stamps_ns[0]) * 1e-9, 1),
         "paths": len(pilot.drives),
@@ -108,7 +105,3 @@ def line_of(row: Report) -> str:
         f" {row['away_m'] * 100:.1f} cm and {row['turned_deg']:.1f} deg off, {row['driven_m']:.1f} m in"
         f" {row['driven_s']:.0f} s, {row['paths']} paths, {touched}"
     )
-
-
-def _find_path(known: Costmap, start: FloatArray, goal: FloatArray) -> PlanResult:
-    return plan(known, start, goal, PlanSettings(), seed=0, clock=time.monotonic)

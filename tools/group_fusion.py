@@ -17,8 +17,8 @@ from fusion.map_graph import Structure
 from fusion.map_set import MapSet
 from fusion.registration import register
 from mapping.map_io import write_map
+from tools.map_alignment import certainty_fields
 from tools.map_files import MapFiles, read_maps
-from tools.map_fusion import certainty_fields
 from tools.pair_registration import Pair, PairRegistration, Registration
 from tools.pictures import draw_map, write_picture
 from tools.result_folder import FUSED, check_result_folder, new_results

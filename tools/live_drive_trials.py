@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from drivers.rover_dynamics import RoverModel
 from mapping import se2
 from mapping.map_io import write_map
-from tools.drive_arrivals import ARRIVED_M, ARRIVED_RAD
 from tools.drive_bench import WORLD, Bench, Case, map_world
+from tools.drive_scores import arrival
 from tools.drive_stops import STOP_S
 from tools.errors import ToolError
 from tools.processes import own_command
@@ -152,8 +152,7 @@ def _row(case: Case, cause: LiveCause, car: WatchedCar, event_ns: int | None, co
     """Return what is reported of a trial."""
     rover, bench = car.emulated.rover, case.bench
     stamps_ns, poses, _ = car.emulated.world.truth
-    end = se2.between(case.goal, se2.compose(se2.inverse(bench.mapped.T_world_map), poses[-1]))
-    away_m, turned_rad = float(np.hypot(end[0], end[1])), abs(float(end[2]))
+    end = arrival(se2.compose(se2.inverse(bench.mapped.T_world_map), poses[-1]), case.goal)
     timeout_s = rover.autopilot.parameters["GUID_TIMEOUT"]
     report_file = folder / "run" / "report.json"
     report = json.loads(report_file.read_text(encoding="utf-8")) if report_file.exists() else {}
@@ -168,8 +167,8 @@ def _row(case: Case, cause: LiveCause, car: WatchedCar, event_ns: int | None, co
         "stops": len(report.get("drive", {}).get("stops", ())),
     }
     if event_ns is None:
-        row |= {"goal_m": round(away_m, 4), "goal_deg": round(math.degrees(turned_rad), 2)}
-        row["passed"] = code == 0 and away_m <= ARRIVED_M and turned_rad <= ARRIVED_RAD and not rover.contacts
+        row |= {"goal_m": round(end.away_m, 4), "goal_deg": round(math.degrees(end.turned_rad), 2)}
+        row["passed"] = code == 0 and end.is_within() and not rover.contacts
         return row
     stop = car.stop_after(event_ns)
     row |= {**asdict(stop), "timeout_s": timeout_s}

@@ -23,7 +23,8 @@ from tools.drive_warm_up import warm_up_drive
 from tools.errors import ToolError, UsageError
 from tools.live_drive import DriveWanted, LiveDrive, SavedMap
 from tools.live_telling import LiveTelling
-from tools.localisation import FoundOnMap, read_saved
+from tools.localisation import FoundOnMap
+from tools.map_reading import read_saved
 from tools.path_search import PathSearchBeside
 from tools.session_parts import SessionPart
 from tools.stop_key import on_enter

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.messages import Recordable
-from mapping.grid import OccupancyGrid
-from mapping.map_io import read_map_with_warnings
 from mapping.map_tracking import MapLocaliser
 from mapping.reference_map import reference_map
 from mapping.relocalisation import Located
 from mapping.slam import MappedScan
 from mapping.trajectory import Trajectory, write_tum
+from tools.map_reading import read_saved
 from tools.session_parts import LiveSession
 
 log = logging.getLogger(__name__)
@@ -128,11 +127,3 @@ class FoundOnMap:
     def save(self, folder: Path) -> dict[str, Any]:
         """Write the poses on the map."""
         return {} if self._localisation is None else {"localisation": self._localisation.save(folder)}
-
-
-def read_saved(map_file: Path) -> OccupancyGrid:
-    """Read a map; what is odd about it goes to the log. Raises MapFileError."""
-    loaded = read_map_with_warnings(map_file)
-    for warning in loaded.warnings:
-        log.warning("%s", warning)
-    return loaded.grid

@@ -11,7 +11,7 @@ from fusion.identity import content_corner, content_hash, same_evidence
 from mapping import se2
 from mapping.errors import MapFileError
 from mapping.grid import OccupancyGrid
-from mapping.map_io import read_map_with_warnings
+from tools.map_reading import read_saved
 from tools.pair_cache import exact_hash
 from tools.results import FloatArray
 
@@ -53,15 +53,13 @@ def read_maps(files: Sequence[Path]) -> MapFiles:
     grids, skipped, errors = dict[int, OccupancyGrid](), dict[int, str](), list[MapFileError]()
     for number, path in enumerate(files):
         try:
-            loaded = read_map_with_warnings(path)
+            grid = read_saved(path)
         except MapFileError as error:
             errors.append(error)
             skipped[number] = str(error)
             continue
-        for warning in loaded.warnings:
-            log.warning("%s", warning)
-        if loaded.grid.known.any():
-            grids[number] = loaded.grid
+        if grid.known.any():
+            grids[number] = grid
         else:
             skipped[number] = f"{path}: no known cell"
     if len(errors) == len(files):

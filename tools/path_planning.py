@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from drivers.messages import Recordable
 from drivers.recording_writer import McapRecorder, library
 from mapping.grid import OccupancyGrid
-from mapping.map_io import read_map_with_warnings
 from planning.costmap import Costmap, UnknownSpace
 from planning.plan import PlanResult, PlanSettings, plan
 from planning.worker import PlanningWorker
 from tools.clock import RunClock
 from tools.errors import ToolError, UsageError
+from tools.map_reading import read_saved
 from tools.pictures import Image, write_picture
 from tools.plan_picture import draw_plan
 from tools.planning_config import PlanningSection
@@ -52,10 +52,7 @@ def plan_on_map(
         check_run_folder(output)
         if map_file.stem == "plan" and map_file.resolve().parent == output.resolve():
             raise ToolError(f"{output}: holds {map_file.name}, whose image plan.png could be: name another folder")
-    loaded = read_map_with_warnings(map_file)
-    for warning in loaded.warnings:
-        log.warning("%s", warning)
-    grid, ends = loaded.grid, (np.array(start), np.array(goal))
+    grid, ends = read_saved(map_file), (np.array(start), np.array(goal))
     worker.set_map(grid, section.vehicle(), UnknownSpace(section.unknown))
     started = time.perf_counter()
     result = worker.plan(*ends, section.plan_settings(), seed)

@@ -21,15 +21,16 @@ from tools.errors import ToolError
 Result = TypeVar("Result")
 Key = TypeVar("Key", bound=Hashable)
 
+# The package is found beside this file even where the current folder has one called `tools` too.
+_HOME = str(Path(__file__).resolve().parent.parent)
+ENTRY = f"import sys; sys.path.insert(0, {_HOME!r}); from tools.cli import main; main()"
 _STATUS = Path("/proc/self/status")
 _CLEAR_PEAK = Path("/proc/self/clear_refs")
 
 
 def own_command(arguments: Sequence[str]) -> list[str]:
-    """Return what starts this program with arguments, also where the current folder has a package `tools` too."""
-    home = str(Path(__file__).resolve().parent.parent)
-    entry = f"import sys; sys.path.insert(0, {home!r}); from tools.cli import main; main()"
-    return [sys.executable, "-c", entry, *arguments]
+    """Return what starts this program with arguments."""
+    return [sys.executable, "-c", ENTRY, *arguments]
 
 
 def in_own_process(work: Callable[..., Result], *arguments: object) -> Result:

@@ -48,14 +48,14 @@ def make_rover(
     return MavlinkRover(dynamics, odometry=odometry, faults=parsed, parameters=parameters)
 
 
-def network_address(text: str) -> MavlinkAddress:
-    """Return the UDP address of the command line; raises UsageError."""
+def network_address(text: str, option: str = "--to", otherwise: str = "--serial makes a serial port") -> MavlinkAddress:
+    """Return the UDP address that an option gives; otherwise: how else it is done, for the error. UsageError."""
     try:
         address = parse_address(text)
     except AddressError as error:
-        raise UsageError(f"--to: {error}") from error
+        raise UsageError(f"{option}: {error}") from error
     if not address.kind.startswith("udp"):
-        raise UsageError(f"--to {text}: expected udpout:HOST:PORT or udp:HOST:PORT; --serial makes a serial port")
+        raise UsageError(f"{option} {text}: expected udpout:HOST:PORT or udp:HOST:PORT; {otherwise}")
     return address
 
 

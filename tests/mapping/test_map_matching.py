@@ -6,18 +6,8 @@ import pytest
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_matching import covariance_of, refine, structure
-from mapping.wall_faces import WallFaces, wall_faces
 from mapping.wall_map import FAR_M, FREE, UNKNOWN, WALL, wall_map
-
-CELL_M = 0.05
-
-
-def box() -> OccupancyGrid:
-    """A free room of 4 x 3 m with walls of one cell, unknown around it."""
-    cells = np.zeros((80, 100), np.float32)
-    cells[10:71, 10:91] = -3.0
-    cells[[10, 70], 10:91] = cells[10:71, [10, 90]] = 3.0
-    return OccupancyGrid(cells, CELL_M, np.zeros(3))
+from tests.mapping.walled_box import CELL_M, box, faces_of, towards
 
 
 def outline() -> np.ndarray:
@@ -30,15 +20,6 @@ def outline() -> np.ndarray:
         np.column_stack([np.full_like(y, 90.5), y]),
     ]
     return np.vstack(sides) * CELL_M
-
-
-def faces_of(grid: OccupancyGrid) -> WallFaces:
-    return wall_faces(wall_map(grid, free_below=-0.4))
-
-
-def towards(place: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Facings of surfaces that turn to a place (2,)."""
-    return np.arctan2(*(place - points).T[::-1])
 
 
 def test_states_and_distances_follow_the_map():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mapping.trajectory import Trajectory
-from tools import demo_processes
+from tools import processes
 from tools.demo_drive import DriveOutcome, DriveWanted, drive_line, drive_to_goal, score_drive
 from tools.errors import ToolError
 
@@ -64,7 +64,7 @@ time.sleep(60)
 
 @pytest.mark.parametrize("code", [0, 3, 4])
 def test_what_the_two_processes_say_is_the_outcome(code, tmp_path, monkeypatch):
-    monkeypatch.setattr(demo_processes, "_ENTRY", STAND_IN.replace("CODE", str(code)))
+    monkeypatch.setattr(processes, "ENTRY", STAND_IN.replace("CODE", str(code)))
     wanted = DriveWanted(np.zeros(3), GOAL, "wings", np.array([3.0, 4.0, 0.0]))
     told: list[str] = []
     arguments = (tmp_path / "drive", tmp_path / "map.npz", wanted, 0, lambda: False, told.append)

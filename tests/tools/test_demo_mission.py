@@ -16,7 +16,7 @@ from mapping import se2
 from mapping.grid import GridBuilder, OccupancyGrid
 from mapping.sensor_models import LidarModel
 from mapping.trajectory import Trajectory
-from tools import demo_processes
+from tools import processes
 from tools.demo_cars import CARS, CarFiles, DemoCar, drive_live, explore_live
 from tools.demo_mission import exit_code_of, run_demo
 from tools.demo_processes import run_command
@@ -132,8 +132,8 @@ def children_of(process: int) -> set[int]:
 
 def test_a_run_that_dies_before_departure_ends_the_demo_with_its_name(tmp_path, monkeypatch):
     """A run that ends at once, as one does that is killed."""
-    entry = demo_processes._ENTRY
-    monkeypatch.setattr(demo_processes, "_ENTRY", f"import sys\nif 'run' in sys.argv: sys.exit(9)\n{entry}")
+    entry = processes.ENTRY
+    monkeypatch.setattr(processes, "ENTRY", f"import sys\nif 'run' in sys.argv: sys.exit(9)\n{entry}")
     before = children()
     with pytest.raises(ToolError, match="car A: run ended with exit code 9 before 'departed'"):
         drive_live([(CAR, CarFiles(tmp_path))], 0, lambda: False, lambda _text: None)
@@ -173,7 +173,7 @@ time.sleep(60)
 
 @pytest.mark.parametrize("code", [0, 3])
 def test_cars_that_explore_end_by_themselves(code, tmp_path, monkeypatch):
-    monkeypatch.setattr(demo_processes, "_ENTRY", EXPLORER.replace("CODE", str(code)))
+    monkeypatch.setattr(processes, "ENTRY", EXPLORER.replace("CODE", str(code)))
     before, told = children(), list[str]()
     car = DemoCar(
         "A", "A2M8", "wings-west", 0.05, goals=((*Drive.tour("wings-west").truth.poses[0],), (2.2, 6.9, 1.57))
@@ -195,7 +195,7 @@ def test_goals_of_the_cars_have_room():
 
 @pytest.mark.parametrize("drives_s", [("3.0", "5.0"), ("5.0", "3.0")])  # seconds: the stand-ins need some to start
 def test_a_car_that_arrives_first_does_not_end_the_demo(drives_s, tmp_path, monkeypatch):
-    monkeypatch.setattr(demo_processes, "_ENTRY", STAND_IN)
+    monkeypatch.setattr(processes, "ENTRY", STAND_IN)
     before = children()
     cars = [
         (DemoCar(name, "A2M8", drive, 0.05), CarFiles(tmp_path)) for name, drive in zip("AB", drives_s, strict=True)

@@ -54,9 +54,12 @@ def test_another_part_of_the_path_nearby_does_not_hide_an_error():
 
 
 def test_arrival_is_measured_at_the_last_true_pose():
-    end = arrival(straight(0.03), np.array([1.0 + 0.5 * 3.99 + 0.04, 0.0, -0.2]))
+    end = arrival(straight(0.03).in_map[-1], np.array([1.0 + 0.5 * 3.99 + 0.04, 0.0, -0.2]))
     assert end.away_m == pytest.approx(0.05)
     assert end.turned_rad == pytest.approx(0.2)
+    assert end.is_within()
+    assert not end.is_within(0.04)
+    assert not arrival(np.zeros(3), np.array([0.0, 0.0, 0.3])).is_within()
 
 
 def test_a_wall_that_the_body_reaches_is_a_contact():

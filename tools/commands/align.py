@@ -55,7 +55,7 @@ def align(
 
     Exit code 3: no pose was found that can be trusted; the best hypothesis, if any, is still shown.
     """
-    from tools.map_fusion import align_maps
+    from tools.map_alignment import align_maps
 
     settings = thesis_settings(
         method,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import logging
 import math
 from pathlib import Path
 
@@ -12,14 +11,11 @@ import numpy as np
 from fusion.algorithm3 import Algorithm3Settings
 from fusion.alignment import Alignment
 from fusion.registration import Method, warm_up
-from mapping.grid import OccupancyGrid
-from mapping.map_io import read_map_with_warnings
 from tools.alignment_picture import AlignmentView, draw_alignment
+from tools.map_reading import read_saved
 from tools.pair_registration import Registration, timed_register
 from tools.pictures import write_picture
 from tools.results import FloatArray, Report, check_run_folder, new_run_folder, writing_to
-
-log = logging.getLogger(__name__)
 
 
 def align_maps(
@@ -30,7 +26,7 @@ def align_maps(
     output: a folder for alignment.png, the verdict as a picture, and alignment.json.
     """
     check_run_folder(output)
-    grids = [_load(path) for path in (a, b)]
+    grids = [read_saved(path) for path in (a, b)]
     registration = Registration(method, settings, seed)
     warm_up(method)
     finished = timed_register(grids[0], grids[1], registration)
@@ -76,13 +72,6 @@ def _view(alignment: Alignment, names: tuple[str, str]) -> AlignmentView:
         slide=alignment.slide,
         names=names,
     )
-
-
-def _load(path: Path) -> OccupancyGrid:
-    loaded = read_map_with_warnings(path)
-    for warning in loaded.warnings:
-        log.warning("%s", warning)
-    return loaded.grid
 
 
 def certainty_fields(alignment: Alignment) -> Report:
