@@ -145,17 +145,26 @@ class Dialogue:
                 break
 
     # ------------------------------------------------------------------------------------------------- errors
+    @property
+    def missing(self) -> str:
+        """What of the vehicle has been missing for too long, a heartbeat or an answer; empty where it is not lost."""
+        most_s = self._settings.lost_after_s
+        if self.silent_s > most_s:
+            return "heartbeat"
+        return "answer" if self.unanswered_s > most_s else ""
+
     def check_heard(self) -> None:
         """LostVehicleError where the vehicle is silent, or does not hear us, for too long."""
+        if not self.missing:
+            return
         most_s = self._settings.lost_after_s
         stops = "standstill is sent, and its own timeout stops it: check link and supply, then arm again"
-        if self.silent_s > most_s:
+        if self.missing == "heartbeat":
             raise LostVehicleError(f"{self._name}: no heartbeat of the vehicle for {most_s:g} s: {stops}")
-        if self.unanswered_s > most_s:
-            raise LostVehicleError(
-                f"{self._name}: the vehicle sends, but has answered nothing for {most_s:g} s, so it does not hear us: "
-                f"{stops}"
-            )
+        raise LostVehicleError(
+            f"{self._name}: the vehicle sends, but has answered nothing for {most_s:g} s, so it does not hear us: "
+            f"{stops}"
+        )
 
     def _nobody(self) -> DriverError:
         link, seconds, name = self._link, self._settings.connect_s, self._name

@@ -196,11 +196,10 @@ class MavlinkVehicle:
     # ------------------------------------------------------------------------------------------------- inside
     def _watch(self, now_ns: int) -> None:
         """End our command where the vehicle is lost, or others have taken it over; hold it while it does not hear."""
-        talk, most_s = self._dialogue, self.settings.lost_after_s
-        if talk.silent_s > most_s or talk.unanswered_s > most_s:
+        talk = self._dialogue
+        if missing := talk.missing:
             if not self._lost:
-                what = "no heartbeat" if talk.silent_s > most_s else "no answer"
-                self._disengage(f"{what} for {most_s:g} s: arm again once it is back")
+                self._disengage(f"no {missing} for {self.settings.lost_after_s:g} s: arm again once it is back")
                 self._setpoints.burst()
             self._lost = True
             self._setpoints.stand_for(2.0 * self.settings.repeat_s)

@@ -133,12 +133,15 @@ class QcarVehicle:
     def __enter__(self) -> Self:
         """Open the board; SilentPortError where it does not answer."""
         board = self._open_board()
-        board.read()
-        if _number(board.batteryVoltage) <= 0.0:
+        try:
+            board.read()
+            if _number(board.batteryVoltage) <= 0.0:
+                raise SilentPortError(
+                    "qcar: the board answers nothing (battery 0 V): switch it on, end other programs on it"
+                )
+        except BaseException:
             board.terminate()
-            raise SilentPortError(
-                "qcar: the board answers nothing (battery 0 V): switch it on, end other programs on it"
-            )
+            raise
         self._board, self._last = board, None
         return self
 

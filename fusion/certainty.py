@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.identity import content_hash, known_area_m2, later_version, precedes, same_evidence
+from fusion.identity import content_hash, known_area_m2, later_version, same_evidence
 from fusion.resampling import known_corners, raster_around, resample
 from mapping import se2
-from mapping.grid import LOG_ODDS_CLAMP, LogOdds, OccupancyGrid
+from mapping.grid import LOG_ODDS_CLAMP, OccupancyGrid
 
 FloatArray = NDArray[np.float64]
 Sums = NDArray[np.int64]
@@ -89,40 +89,6 @@ def fuse(contributions: Mapping[str, Contribution]) -> CertaintyGrid:
     if not contributions:
         raise ValueError("no map to fuse")
     return CertaintyGrid(0.0, {})._with(dict(contributions))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FusedMap:
-    """The global map, the poses (3,) of both maps' frames in its frame, and whether one was all of the evidence."""
-
-    grid: OccupancyGrid
-    T_global_a: FloatArray
-    T_global_b: FloatArray
-    counted_once: bool
-
-
-def fuse_log_odds(a: LogOdds, b: LogOdds) -> LogOdds:
-    """Return Bayes' rule (3.16) for independent evidence in log-odds (rows, cols): the sum, clamped as every grid is.
-
-    Unknown, 0, changes nothing.
-    """
-    return np.asarray(np.clip(a + b, -LOG_ODDS_CLAMP, LOG_ODDS_CLAMP), dtype=np.float32)
-
-
-def fuse_pair(a: OccupancyGrid, b: OccupancyGrid, T_a_b: FloatArray) -> FusedMap:
-    """Fuse two maps at a known relative pose (3,); one of them must have a known cell.
-
-    The global frame is that of the map with more known area, the resolution the finer of the two, the origin on whole
-    cells: the order of the two maps changes nothing. The same map twice is one evidence and counts once.
-    """
-    swapped = precedes(b, a)
-    first, second, T_first_second = (b, a, se2.inverse(T_a_b)) if swapped else (a, b, np.asarray(T_a_b, np.float64))
-    maps = {"first": Contribution(first, se2.IDENTITY)}
-    if second.known.any():
-        maps["second"] = Contribution(second, T_first_second)
-    fused = fuse(maps)
-    T_global_a, T_global_b = (T_first_second, se2.IDENTITY) if swapped else (se2.IDENTITY, T_first_second)
-    return FusedMap(fused.grid(), T_global_a, T_global_b, bool(fused.within))
 
 
 def _held_by_others(contributions: Mapping[str, Contribution]) -> dict[str, str]:

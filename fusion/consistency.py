@@ -130,8 +130,7 @@ def _chosen(
     for number, link in enumerate(links):
         if number in loose or number in without or root[link.a] == root[link.b]:
             continue
-        old, new = root[link.b], root[link.a]
-        root = [new if each == old else each for each in root]
+        root = _joined(root, link)
         neighbours[link.a][link.b] = neighbours[link.b][link.a] = number
         forest.add(number)
     weight = sum(links[number].weight for number in sorted(forest))
@@ -173,16 +172,15 @@ def _misfit(link: Link, way: Sequence[Link], bend: FloatArray) -> float:
     """
     pose, covariance, here = se2.IDENTITY, np.zeros((3, 3)), link.a
     for each in way:
-        step, there = Link(each.a, each.b, each.pose, each.covariance + bend, each.weight), each.b
+        step, own, there = each.pose, each.covariance, each.b
         if each.a != here:
             turned = inverse_jacobian(each.pose)
-            step = Link(each.b, each.a, se2.inverse(each.pose), turned @ each.covariance @ turned.T + bend, each.weight)
-            there = each.a
-        before = lever(pose, step.pose)
+            step, own, there = se2.inverse(each.pose), turned @ each.covariance @ turned.T, each.a
+        before = lever(pose, step)
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
         onto = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        covariance = before @ covariance @ before.T + onto @ step.covariance @ onto.T
-        pose, here = se2.compose(pose, step.pose), there
+        covariance = before @ covariance @ before.T + onto @ (own + bend) @ onto.T
+        pose, here = se2.compose(pose, step), there
     error = np.asarray(pose) - link.pose
     error[2] = se2.wrap_angle(error[2])
     return float(error @ np.linalg.solve(covariance + link.covariance + bend, error))
@@ -192,10 +190,14 @@ def roots(count: int, links: Sequence[Link]) -> list[int]:
     """Return for each map the lowest number of those that it hangs together with."""
     root = list(range(count))
     for link in links:
-        low, high = sorted((root[link.a], root[link.b]))
-        if low != high:
-            root = [low if each == high else each for each in root]
+        root = _joined(root, link)
     return root
+
+
+def _joined(root: Sequence[int], link: Link) -> list[int]:
+    """Return the groups after a link joined two of them under the lower number."""
+    low, high = sorted((root[link.a], root[link.b]))
+    return [low if each == high else each for each in root]
 
 
 def lever(pose: FloatArray, point: FloatArray) -> FloatArray:

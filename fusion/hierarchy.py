@@ -27,17 +27,19 @@ Pair = tuple[str, str]
 class LevelMap:
     """A map of some level: the original maps in it at their poses, in the frame of the one with the most known area.
 
-    grid: their fusion. parts: the two maps of lower levels that it was made of; none for an original one.
+    grid: their fusion, an original one as it is. parts: the two maps of lower levels that it was made of, and cells,
+    the evidence of all; none for an original one.
     """
 
     name: str
     contributions: Mapping[str, Contribution]
     grid: OccupancyGrid
     parts: tuple[LevelMap, LevelMap] | None = None
+    cells: CertaintyGrid | None = None
 
     def fused(self) -> CertaintyGrid:
         """Return the evidence of the original maps."""
-        return fuse(self.contributions)
+        return self.cells or fuse(self.contributions)
 
 
 def first_level(maps: Mapping[str, OccupancyGrid]) -> list[LevelMap]:
@@ -92,4 +94,5 @@ def _merged(a: LevelMap, b: LevelMap, T_a_b: FloatArray) -> LevelMap:
         name: Contribution(grids[name], se2.between(reference, in_a[name]) if name != names[0] else se2.IDENTITY)
         for name in names
     }
-    return LevelMap("+".join(names), contributions, fuse(contributions).grid(), (a, b))
+    cells = fuse(contributions)
+    return LevelMap("+".join(names), contributions, cells.grid(), (a, b), cells)

@@ -67,15 +67,20 @@ class Structure:
 
 
 def connect(
-    middles: Mapping[str, FloatArray], edges: Iterable[MapEdge], rule: ConsistencyRule | None = None
+    middles: Mapping[str, FloatArray],
+    edges: Iterable[MapEdge],
+    rule: ConsistencyRule | None = None,
+    titles: Mapping[str, str] | None = None,
 ) -> Structure:
     """Return the strongest consistent structure and every map's pose.
 
     middles: the middle (2,) in m of each map's known cells, in its frame. Their order is the rank of the maps: a
-    group's frame is that of its first map. The order of the edges changes nothing, nor does which map of an edge is a.
+    group's frame is that of its first map. titles: what maps are called in reasons, their names otherwise. The order
+    of the edges changes nothing, nor does which map of an edge is a.
     """
     rule = rule or ConsistencyRule()
     names = list(middles)
+    called = [(titles or {}).get(name, name) for name in names]
     numbers = {name: number for number, name in enumerate(names)}
     at = [np.append(np.asarray(middle, np.float64), 0.0) for middle in middles.values()]
     links = sorted((_link(edge, numbers, at, rule) for edge in edges), key=lambda link: (-link.weight, link.a, link.b))
@@ -85,7 +90,9 @@ def connect(
         choice, doubtful = without_doubt(len(names), inside, rule)
         kept += [inside[number] for number in choice.kept if number not in doubtful]
         lost = sorted({*range(len(inside))} - {*choice.kept} | doubtful)
-        withdrawn += [Withdrawal(_named(inside[number], names), _why(number, choice, inside, names)) for number in lost]
+        withdrawn += [
+            Withdrawal(_named(inside[number], names), _why(number, choice, inside, called)) for number in lost
+        ]
     groups = _groups(names, at, sorted(kept, key=lambda link: (link.a, link.b)))
     return Structure(tuple(groups), tuple(sorted(withdrawn, key=lambda each: each.pair)))
 
@@ -188,12 +195,3 @@ def _covariances(poses: FloatArray, constraints: Constraints) -> FloatArray:
     inverse = np.zeros_like(normal)
     inverse[3:, 3:] = np.linalg.inv(normal[3:, 3:])
     return np.stack([inverse[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] for n in range(count)])
-
-
-def disagreement(
-    edge: MapEdge, placed: Mapping[str, PlacedMap], middles: Mapping[str, FloatArray]
-) -> tuple[float, float]:
-    """Return how far in m, at the middle of map b, and in rad an edge is from the poses of the group."""
-    found = se2.between(placed[edge.a].T_group_map, placed[edge.b].T_group_map)
-    apart = se2.transform_points(found, middles[edge.b]) - se2.transform_points(edge.T_a_b, middles[edge.b])
-    return float(math.hypot(*apart)), float(abs(se2.wrap_angle(found[2] - edge.T_a_b[2])))

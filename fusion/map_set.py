@@ -72,22 +72,22 @@ class MapSet:
         missing = [pair for pair in self.pairs() if pair not in self.alignments]
         return sorted(missing, key=lambda pair: -self.alike.get(pair, 0.0))
 
-    def structure(self) -> Structure:
-        """Return the groups, the poses in them, and the pairs that were withdrawn."""
-        return self._connected(pair for pair in self.pairs() if pair in self.alignments)
+    def structure(self, titles: Mapping[str, str] | None = None) -> Structure:
+        """Return the groups, the poses in them, and the pairs that were withdrawn; titles: of maps, for the reasons."""
+        return self._connected((pair for pair in self.pairs() if pair in self.alignments), titles)
 
     def fused(self, group: MapGroup) -> CertaintyGrid:
         """Return the evidence of a group in its frame."""
         return fuse({name: Contribution(self.maps[name], each.T_group_map) for name, each in group.maps.items()})
 
-    def _connected(self, pairs: Iterable[Pair]) -> Structure:
+    def _connected(self, pairs: Iterable[Pair], titles: Mapping[str, str] | None = None) -> Structure:
         edges = []
         for a, b in pairs:
             found = self.alignments[a, b]
             if found.accepted and found.T_a_b is not None:
                 covariance = np.zeros((3, 3)) if found.covariance is None else found.covariance
                 edges.append(MapEdge(a, b, found.T_a_b, covariance, found.probability or 0.5))
-        return connect({name: middle_of(grid) for name, grid in self.maps.items()}, edges, self.consistency)
+        return connect({name: middle_of(grid) for name, grid in self.maps.items()}, edges, self.consistency, titles)
 
     def _grouped(self, accepted: Iterable[Pair]) -> Iterable[MapsTogether]:
         """Yield the groups that follow from accepted pairs."""

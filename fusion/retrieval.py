@@ -26,13 +26,13 @@ from fusion.features import Descriptors, FeatureMethod, detect_features
 from fusion.free_space import rescale
 from fusion.matching import match_descriptors
 from fusion.resampling import cut_to_known
+from fusion.survey import FREE_BELOW
 from mapping.grid import OccupancyGrid
 
 FloatArray = NDArray[np.float64]
 Pair = tuple[str, str]
 _CELL_M, _STRONGEST, _RATIO = 0.1, 1000, 0.81
 _TOLERANCE_M, _TRIALS, _CONFIDENCE = 0.2, 500, 0.99
-_FREE_BELOW = -0.62  # log-odds of p = 0.35
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class MapsTogether:
 def signature(grid: OccupancyGrid) -> MapSignature:
     """Return a map's signature; it is empty where the free space has no texture."""
     cut = cut_to_known(grid)
-    free = np.where(cut.log_odds < _FREE_BELOW, np.uint8(255), np.uint8(0))
+    free = np.where(cut.log_odds < FREE_BELOW, np.uint8(255), np.uint8(0))
     cell_m = max(_CELL_M, cut.resolution_m)
     features = detect_features(rescale(free, cut.resolution_m, cell_m), FeatureMethod("akaze"))
     return MapSignature(features.points[:_STRONGEST] * cell_m, features.descriptors[:_STRONGEST])

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mapping.grid import OccupancyGrid
 from mapping.raycast import integrate_rays
+from mapping.reference_map import FREE_BELOW
 from mapping.sensor_models import LidarModel
 from mapping.surface import facings_of
 from mapping.wall_faces import faces_towards, facing_layers
@@ -22,7 +23,6 @@ from mapping.wall_map import wall_map
 
 FloatArray = NDArray[np.float64]
 _SHORT_OF_WALL = 2.0  # cells
-_FREE_BELOW = -0.4  # log-odds
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class ChangingMap:
         self._log_odds = np.clip(saved.log_odds, -confidence.free, confidence.occupied).astype(np.float32)
         self._visited = np.zeros(self._log_odds.shape, np.int32)
         self._scans = 0
-        faces = faces_towards(wall_map(saved, free_below=_FREE_BELOW))
+        faces = faces_towards(wall_map(saved, free_below=FREE_BELOW))
         around = np.ones((3, 3), np.uint8)
         self._near_wall = np.stack([cv2.dilate(layer.view(np.uint8), around) > 0 for layer in faces])
 

@@ -127,6 +127,14 @@ class GraphSlam:
         """The poses (K, 3) of the keyframes in the map so far."""
         return self._poses
 
+    @property
+    def is_tied(self) -> bool:
+        """Whether the last keyframe hangs together with the first one, by matches and loops."""
+        if not self._segments or self._segments[-1] == self._segments[0]:
+            return True
+        component = components_of(np.array(self._segments, dtype=np.int64), self.closures)
+        return bool(component[-1] == component[0])
+
     def add(self, tracked: TrackedScan) -> FloatArray:
         """Take in a scan and return its pose (3,) in the map as it is known now."""
         if tracked.retracted:

@@ -15,7 +15,7 @@ from mapping.wall_map import FREE, UNKNOWN, WALL, WallMap, middles, wall_map
 
 _SEARCH_CELL_M = 0.1
 _SIGMA_M = 0.12  # of a search cell's likelihood: half its diagonal, and what a wall may be off
-_FREE_BELOW = -0.4  # log-odds
+FREE_BELOW = -0.4  # log-odds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,7 +38,7 @@ class ReferenceMap:
 
 def reference_map(grid: OccupancyGrid) -> ReferenceMap:
     """Prepare a map; any grid will do, one without walls as well (nothing is ever found in it)."""
-    walls = wall_map(grid, free_below=_FREE_BELOW)
+    walls = wall_map(grid, free_below=FREE_BELOW)
     faces = wall_faces(walls)
     points = middles(walls.states == WALL, grid.resolution_m)
     if len(points) == 0:

@@ -49,7 +49,8 @@ class MappingSettings:
 class MappedScan:
     """A scan after mapping: poses (3,) of base_link in the map, as known then, and in the odom frame, at stamp_ns.
 
-    points (N, 2) are its de-skewed measurements in the body frame.
+    points (N, 2) are its de-skewed measurements in the body frame. in_map: whether the pose hangs together with the
+    beginning of the map; after a loss of tracking it is a guess until a loop is closed.
     """
 
     stamp_ns: int
@@ -58,6 +59,7 @@ class MappedScan:
     points: FloatArray
     wheel_guess: bool
     is_keyframe: bool
+    in_map: bool = True
 
     @property
     def T_map_odom(self) -> FloatArray:  # noqa: N802 - the name says which frames
@@ -152,6 +154,6 @@ class Mapper:
             pose = self.graph.add(scan)
             if self.live_grid is not None:
                 self.live_grid.add(self.graph)
-            is_keyframe = scan.keyframe is not None
-            mapped.append(MappedScan(scan.stamp_ns, pose, scan.match, scan.points, scan.wheel_guess, is_keyframe))
+            kind = (scan.wheel_guess, scan.keyframe is not None, self.graph.is_tied)
+            mapped.append(MappedScan(scan.stamp_ns, pose, scan.match, scan.points, *kind))
         return mapped

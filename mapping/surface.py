@@ -7,7 +7,7 @@ metric" (ICRA 2008). The piece is a total-least-squares line through the neighbo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numba import njit
@@ -46,15 +46,9 @@ def surface_of(points: FloatArray, sensor: FloatArray) -> Surface:
 
     Lines are fitted to all samples; of more than _MOST_SAMPLES an even choice is returned.
     """
-    rays = points - sensor
-    angles = np.arctan2(rays[:, 1], rays[:, 0])
-    order = np.argsort(angles, kind="stable")
-    points, angles = np.ascontiguousarray(points[order]), np.ascontiguousarray(angles[order])
-    ranges = np.hypot(rays[order, 0], rays[order, 1])
-    spacing = float(np.median(np.diff(angles))) if len(points) > 2 else 0.0
-    normals, levels, reaches = _fit_lines(points, ranges, sensor, spacing)
+    _, whole = _whole_surface(points, sensor)
     some = slice(None, None, math.ceil(len(points) / _MOST_SAMPLES) or 1)
-    return Surface(points[some], angles[some], ranges[some], normals[some], levels[some], reaches[some])
+    return Surface(*(getattr(whole, field.name)[some] for field in fields(whole)))
 
 
 def facings_of(points: FloatArray, sensor: FloatArray) -> FloatArray:
@@ -63,17 +57,22 @@ def facings_of(points: FloatArray, sensor: FloatArray) -> FloatArray:
     That is the direction of the wall's normal, towards the sensor's side; where there is no straight wall, the
     direction to the sensor.
     """
+    order, whole = _whole_surface(points, sensor)
+    straight = (whole.normals != 0.0).any(axis=1)
+    facings = np.empty(len(points))
+    facings[order] = np.where(straight, np.arctan2(whole.normals[:, 1], whole.normals[:, 0]), whole.angles + np.pi)
+    return facings
+
+
+def _whole_surface(points: FloatArray, sensor: FloatArray) -> tuple[NDArray[np.intp], Surface]:
+    """Return the numbers (N,) of all points in the order of their angle, and the surface of them all."""
     rays = points - sensor
     angles = np.arctan2(rays[:, 1], rays[:, 0])
     order = np.argsort(angles, kind="stable")
-    sorted_points = np.ascontiguousarray(points[order], dtype=np.float64)
-    spacing = float(np.median(np.diff(angles[order]))) if len(points) > 2 else 0.0
+    points, angles = np.ascontiguousarray(points[order], dtype=np.float64), np.ascontiguousarray(angles[order])
     ranges = np.hypot(rays[order, 0], rays[order, 1])
-    normals = _fit_lines(sorted_points, ranges, np.asarray(sensor, dtype=np.float64), spacing)[0]
-    straight = (normals != 0.0).any(axis=1)
-    facings = np.empty(len(points))
-    facings[order] = np.where(straight, np.arctan2(normals[:, 1], normals[:, 0]), angles[order] + np.pi)
-    return facings
+    spacing = float(np.median(np.diff(angles))) if len(points) > 2 else 0.0
+    return order, Surface(points, angles, ranges, *_fit_lines(points, ranges, np.asarray(sensor, np.float64), spacing))
 
 
 def share_across(normals: FloatArray) -> float:

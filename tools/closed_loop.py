@@ -23,6 +23,7 @@ from planning.safety import SafeCommand
 from tools.autopilot import Autopilot, AutopilotState
 from tools.commanded_drive import CommandedDrive
 from tools.config import Config
+from tools.drive_status import ENDS
 from tools.pipeline import LidarDecoding, MappingFlow
 from tools.simulated_car import SimulatedCar
 
@@ -156,7 +157,7 @@ class ClosedLoop:
                 if self._clock() >= next_ns:
                     next_ns += _TICK_NS
                     self._tick()
-                if self._autopilot.state in (AutopilotState.arrived, AutopilotState.no_way):
+                if self._autopilot.state in ENDS:
                     end_ns = min(end_ns, self._clock() + after_ns)
             self._clock.now_ns += _READ_NS
 

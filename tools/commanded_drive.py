@@ -7,6 +7,7 @@ the vehicle says against driving goes to the autopilot's safety stage, so that t
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Protocol
 
 import numpy as np
@@ -57,7 +58,8 @@ class CommandedDrive:
     """Call step() at 20 Hz or more, from one thread; the pilot is asked every period_s, the vehicle at each call.
 
     mount: the laser on the car. on_message: is told all that comes from the vehicle. fault: why the vehicle is not
-    driven any more, empty where it is; a fault is for good: the car stands until all is started anew.
+    driven any more, empty where it is; a fault is for good: the car stands until all is started anew. left: somebody
+    else may have it, and nothing is said to it any more.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class CommandedDrive:
         on_message: Callable[[VehicleMessage], None] = lambda _: None,
     ) -> None:
         self.fault = ""
+        self.left = False
         self.state: VehicleState | None = None
         self._pilot, self._vehicle = pilot, vehicle
         self._period_ns = round(period_s * 1e9)
@@ -122,13 +125,17 @@ class CommandedDrive:
             self._fail(str(error))
 
     def _fail(self, reason: str) -> None:
-        if not self.fault:
-            self.fault = reason
-            self._pilot.safety.emergency_stop(reason)
+        if self.fault:
+            return
+        self.fault = reason
+        self._pilot.safety.emergency_stop(reason)
+        with suppress(DriverError):  # at once; the next command does it again where this did not leave
+            self._vehicle.emergency_stop()
+            self._cut = True
 
     def _leave(self, reason: str) -> None:
         """End the drive without another word to the vehicle: somebody else may have it."""
-        self.fault = self.fault or reason
+        self.fault, self.left = self.fault or reason, True
         self._pilot.safety.hold(reason)
 
     def _hear(self, now_ns: int) -> None:

@@ -58,7 +58,6 @@ class DriveSection(Section):
     )
     pose_age_s: float = Field(_SAFETY.pose_age_s, gt=0, le=5, description="the car stands where its last pose is older")
     scan_age_s: float = Field(_SAFETY.scan_age_s, gt=0, le=5, description="or the last scan")
-    command_age_s: float = Field(_SAFETY.command_age_s, gt=0, le=5, description="or what the follower wants")
     margins_m: tuple[float, ...] = Field(
         (0.07, 0.04, 0.02, 0.0),
         min_length=1,
@@ -102,7 +101,6 @@ class DriveSection(Section):
             acceleration_mps2=self.acceleration_mps2,
             pose_age_s=self.pose_age_s,
             scan_age_s=self.scan_age_s,
-            command_age_s=self.command_age_s,
         )
 
     def follower(self, curvature_limit_1pm: float) -> FollowerSettings:

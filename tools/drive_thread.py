@@ -21,6 +21,7 @@ PERIOD_S = 0.02  # the vehicle is heard and the bell listened to so often; the p
 WATCH_S = 0.1
 LATE_S = 0.1
 HANGING = 5  # so many looks of the watch in a row without a step of the thread
+_END_S = 15.0  # to stand, hold and disarm, with what a vehicle takes to answer
 _HALT_S = 1.5  # standstill is repeated so long before the car is disarmed
 EMERGENCIES = (signal.SIGUSR1, signal.SIGTSTP)
 KEY = 255  # rung by the key in the terminal
@@ -32,7 +33,12 @@ class Driven(Protocol):
 
     @property
     def fault(self) -> str:
-        """Why the vehicle is not driven any more, empty where it is: somebody else may have it."""
+        """Why the vehicle is not driven any more; empty where it is."""
+        ...
+
+    @property
+    def left(self) -> bool:
+        """Whether somebody else may have the vehicle: nothing is said to it any more."""
         ...
 
     @property
@@ -104,7 +110,10 @@ class DriveThread:
         self._halting.set()
         if self._thread.ident is not None:
             self._bell.ring(signal.SIGTERM)
-            self._thread.join()
+            self._thread.join(_END_S)
+            if self._thread.is_alive():  # it hangs in the vehicle's link: all else is saved without it
+                self._cut("the drive's thread does not end")
+                self.failure = self.failure or TimeoutError(f"the drive's thread did not end within {_END_S:g} s")
             self._over.set()
             self._watch.join()
 
@@ -113,9 +122,9 @@ class DriveThread:
             self._step_on()
             self._halt()
         except BaseException as error:
+            self._cut(f"the drive has failed: {error!r}")  # before all else: a terminal that is held up blocks the log
             self.failure = error
             log.exception("the drive has failed: emergency stop; mapping goes on, Ctrl-C ends it")
-            self._cut(f"the drive has failed: {error!r}")
 
     def _step_on(self) -> None:
         due_s = last_s = time.monotonic()
@@ -135,8 +144,8 @@ class DriveThread:
 
     def _emergency(self, number: int) -> None:
         how = "a key" if number == KEY else signal.Signals(number).name
-        log.warning("EMERGENCY STOP by %s: it holds until a new start; Ctrl-C saves and ends", how)
         self._cut(f"by {how}")
+        log.warning("EMERGENCY STOP by %s: it holds until a new start; Ctrl-C saves and ends", how)
 
     def _cut(self, reason: str) -> None:
         """Stop with all that the link has, now."""
@@ -148,7 +157,7 @@ class DriveThread:
     def _halt(self) -> None:
         """Stand, hold, and disarm; where somebody else has the car, or nobody, nothing is said any more."""
         self._halting.set()
-        if not self._driven.armed or self._driven.fault:
+        if not self._driven.armed or self._driven.left:
             return
         try:
             self._vehicle.stop()
@@ -166,7 +175,7 @@ class DriveThread:
         Looks are counted, not seconds: where this thread gets no time either, the whole process is held up, and that is
         for the vehicle's own timeout.
         """
-        steps, still = -1, 0
+        steps, still, is_cut = -1, 0, False
         while not self._over.wait(WATCH_S):
             if self.failure is not None:
                 with suppress(Exception):  # repeats the emergency stop until the vehicle has heard it
@@ -174,6 +183,9 @@ class DriveThread:
                 continue
             still = still + 1 if self.pace.steps == steps and not self._halting.is_set() else 0
             steps = self.pace.steps
-            if still == HANGING and self._driven.armed:
-                log.error("no command for %.1f s: EMERGENCY STOP", HANGING * WATCH_S)
+            if still < HANGING:
+                is_cut = False
+            elif self._driven.armed and not is_cut:
+                is_cut = True
                 self._cut("the drive's thread hangs")
+                log.error("no command for %.1f s: EMERGENCY STOP", still * WATCH_S)

@@ -13,7 +13,6 @@ from pathlib import Path
 from fusion.alignment import Alignment
 from fusion.certainty import CertaintyGrid
 from fusion.hierarchy import LevelMap, best_pairs, first_level, next_level, tree_lines
-from fusion.map_graph import Structure
 from fusion.map_set import MapSet
 from fusion.registration import register
 from mapping.map_io import write_map
@@ -95,8 +94,8 @@ def _by_graph(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
         finished = pairs.finish(maps.maps, missing)
         maps = maps.registered({pair: each.alignment for pair, each in finished.items()})
         seconds |= {pair: each.seconds for pair, each in finished.items()}
-    structure = maps.structure()
-    withdrawn = _withdrawn(structure, loaded)
+    structure = maps.structure(loaded.titles())
+    withdrawn = {each.pair: each.reason for each in structure.withdrawn}
     for (a, b), reason in withdrawn.items():
         log.warning("%s with %s: withdrawn: %s", loaded.title(a), loaded.title(b), reason)
     groups = [
@@ -111,21 +110,10 @@ def _by_graph(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
     return FusedGroups(groups, alignments, withdrawn)
 
 
-def _withdrawn(structure: Structure, loaded: MapFiles) -> dict[Pair, str]:
-    """Return why pairs were withdrawn, with files instead of the names that their contents give maps."""
-    reasons = {}
-    for each in structure.withdrawn:
-        reason = each.reason
-        for name in loaded.maps:
-            reason = reason.replace(name, loaded.title(name))
-        reasons[each.pair] = reason
-    return reasons
-
-
 def _in_levels(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
     """Merge the best pairs of each level, as the thesis does, until none is accepted any more."""
     level = first_level(loaded.maps)
-    titles = {name: loaded.title(name) for name in loaded.maps}
+    titles = loaded.titles()
     first: dict[Pair, tuple[Alignment, float]] = {}
     levels: list[Report] = []
     while len(level) > 1:

@@ -50,9 +50,11 @@ class GrowingGround:
         self._goals = np.array(goals, dtype=np.float64).reshape(-1, 3)[:, :2]
 
     def add(self, mapped: MappedScan) -> Sight | None:
-        """Take in a scan that is on the map by now; None where it could not be matched."""
+        """Take in a scan that is on the map by now; None where it could not be matched, no place after a loss."""
         if not mapped.match.accepted:
             return None
+        if not mapped.in_map:
+            return Sight(None, "tracking was lost, and this place is not tied to the map yet")
         reason = "on the map that is being made"
         located = Located(mapped.stamp_ns, mapped.pose, mapped.T_map_odom, _SPREAD, 1.0, reason)
         known = self._grid_now()

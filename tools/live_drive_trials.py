@@ -32,15 +32,11 @@ from tools.results import Report
 from tools.watched_car import LiveStop, WatchedCar
 
 FloatArray = NDArray[np.float64]
-_MODEL = "A2M8"
 _START_S, _DRIVE_S, _END_S = 240.0, 120.0, 60.0  # a computer that compiles first; the longest way; saving
-_FAST_MPS = 0.2  # so fast it is when it is stopped
 _STOP_AFTER_S = 2.5  # of driving fast, at most
 _STANDS_S = 1.0
-_STANDING_MPS = 1e-3
 _TURN_S = 0.05  # of the emulator's own loop
 _FIRST_CASE = 5000
-_SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
 
 
 class LiveCause(str, Enum):

@@ -42,10 +42,13 @@ class JourneyWanted:
     start: Pose | None = None
     vehicle: str | None = None
     has_lidar: bool = True
+    resumes: bool = False
 
     def __post_init__(self) -> None:
         if self.goals and not self.has_lidar:
             raise UsageError("--goal: needs --lidar: a car that drives must see all around")
+        if self.goals and self.resumes and self.map_file is None:
+            raise UsageError("--goal: with --resume only with --map: where the car stands on that map is not known")
         if self.start is not None and not self.goals:
             raise UsageError("--start: only with --goal; without it the car is looked for on the whole map")
         if self.start is not None and self.map_file is None:

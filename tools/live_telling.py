@@ -66,8 +66,10 @@ class LiveTelling:
             return
         if self._place_of is not None:
             self._told.place = self._place_of()
-            return
-        self._told.place = Located(mapped.stamp_ns, mapped.pose, mapped.T_map_odom, np.zeros((3, 3)), 1.0, "own map")
+        elif mapped.in_map:
+            self._told.place = Located(
+                mapped.stamp_ns, mapped.pose, mapped.T_map_odom, np.zeros((3, 3)), 1.0, "own map"
+            )
 
     def end(self) -> None:
         """Tell no more."""
@@ -83,7 +85,7 @@ class LiveTelling:
 class _ToldVehicle:
     """See tools.drive_thread.Driven: nothing is commanded, so there is nothing to stop either."""
 
-    armed = False
+    armed = left = False
 
     def __init__(self, vehicle: Vehicle, session: LiveSession) -> None:
         self.fault = ""

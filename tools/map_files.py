@@ -39,6 +39,10 @@ class MapFiles:
         """Return the first file that holds a map."""
         return str(self.files[self.first_of(name)])
 
+    def titles(self) -> dict[str, str]:
+        """Return the title of each map."""
+        return {name: self.title(name) for name in self.maps}
+
     def pose_in_group(self, number: int, T_group_map: FloatArray) -> FloatArray:
         """Return the pose (3,) of a file's frame, of that of its map: files of one map may have other frames."""
         grid, of_map = self.grids[number], self.maps[self.name_of[number]]

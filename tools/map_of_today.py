@@ -111,7 +111,7 @@ def near_costmap(grid: OccupancyGrid, pose: FloatArray, vehicle: Vehicle, settin
     left, top = (min(max(low - cells, 0), most - 1) for low, most in ((col, cols), (row, rows)))
     right, bottom = (max(min(high + cells, most), 1) for high, most in ((col, cols), (row, rows)))
     corner = np.array([left * grid.resolution_m, top * grid.resolution_m, 0.0])
-    part = grid.log_odds[top : max(bottom, top + 1), left : max(right, left + 1)]
+    part = grid.log_odds[top:bottom, left:right]
     cut = OccupancyGrid(part, grid.resolution_m, se2.compose(grid.origin, corner))
     return costmap(cut, vehicle, settings.unknown)
 

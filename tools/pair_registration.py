@@ -69,9 +69,8 @@ class PairRegistration:
         todo = {pair: (maps[pair[0]], maps[pair[1]]) for pair in pairs if pair not in found}
         method = self._registration.method
         work = partial(timed_register, registration=self._registration)
-        if todo and (self._jobs <= 1 or len(todo) < 2):
-            warm_up(method)
-        for pair, finished in as_finished(work, todo, jobs=self._jobs, first=(_prepare, (method,))):
+        here = partial(warm_up, method)
+        for pair, finished in as_finished(work, todo, jobs=self._jobs, first=(_prepare, (method,)), here=here):
             self._cache.add(keys[pair], finished)
             found[pair] = finished
             self.registered += 1

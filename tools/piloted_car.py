@@ -15,7 +15,7 @@ from planning.safety import SafeCommand
 from tools.autopilot import Autopilot, AutopilotState
 from tools.commanded_drive import CommandedDrive
 from tools.drive_log import DriveLog, Outcome
-from tools.drive_status import NOWHERE
+from tools.drive_status import ENDS, NOWHERE
 from tools.session_parts import LiveSession
 from tools.status_line import StatusLine
 
@@ -55,6 +55,11 @@ class PilotedCar:
         return "" if self._emergency else self._commanded.fault
 
     @property
+    def left(self) -> bool:
+        """Whether somebody else may have the vehicle; not where it was we who disarmed it."""
+        return self._commanded.left and not self._emergency
+
+    @property
     def armed(self) -> bool:
         """Whether the car may be moving by our commands."""
         return self._commanded.armed
@@ -90,8 +95,8 @@ class PilotedCar:
     def look(self, now_ns: int) -> bool:
         """Tell how things stand; return whether the drive is over."""
         now_s, state = now_ns * 1e-9, self.pilot.state
-        if state not in NOWHERE:
-            self._known_s = now_s
+        if state not in NOWHERE and self.pilot.place is not None:
+            self._known_s = max(self._known_s, self.pilot.place.stamp_ns * 1e-9)
         if self.fault and not self._fault_told:
             self._fault_told = True
             log.warning("THE CAR IS NOT DRIVEN ANY MORE: %s; mapping and recording go on, Ctrl-C ends them", self.fault)
@@ -99,7 +104,7 @@ class PilotedCar:
         if self.fault or self.pilot.safety.emergency:
             return False
         self._gave_up = now_s - self._known_s > self._patience_s
-        return self._gave_up or state in (AutopilotState.arrived, AutopilotState.no_way)
+        return self._gave_up or state in ENDS
 
     def conclusion(self, failure: BaseException | None) -> tuple[Outcome, str]:
         """Return how the drive ended, and why; failure: what the thread died of."""

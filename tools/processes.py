@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -47,36 +48,22 @@ def in_own_process(work: Callable[..., Result], *arguments: object) -> Result:
             ) from error
 
 
+First = tuple[Callable[..., object], tuple[Any, ...]]
+
+
 def in_processes(
-    work: Callable[..., Result],
-    *tasks: Sequence[Any],
-    jobs: int,
-    first: tuple[Callable[..., object], tuple[Any, ...]] | None = None,
+    work: Callable[..., Result], *tasks: Sequence[Any], jobs: int, first: First | None = None
 ) -> Iterator[Result]:
     """Yield work of each task in their order, as map does, in so many fresh processes; one task or job is done here.
 
     work: a function of a module, or a partial of one. first: what each new process does before, and its arguments.
+    Raises ToolError when a process dies.
     """
-    if jobs <= 1 or len(tasks[0]) < 2:
+    if _is_done_here(jobs, len(tasks[0])):
         yield from map(work, *tasks)
         return
-    prepare, arguments = first or (None, ())
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=prepare, initargs=arguments) as processes:
+    with _pool(jobs, first) as processes:
         yield from processes.map(work, *tasks)
-
-
-def _begin(prepare: Callable[..., object], arguments: tuple[Any, ...]) -> None:
-    """Prepare a new process, which ends when the one that it works for was killed: nothing else would tell it."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
-    prepare(*arguments)
-
-
-def _end_with(parent: BaseProcess) -> None:
-    parent.join()
-    os._exit(1)
 
 
 def as_finished(
@@ -84,20 +71,21 @@ def as_finished(
     tasks: Mapping[Key, Sequence[Any]],
     *,
     jobs: int,
-    first: tuple[Callable[..., object], tuple[Any, ...]],
+    first: First,
+    here: Callable[[], object],
 ) -> Iterator[tuple[Key, Result]]:
     """Yield each task's key and work(*arguments) as soon as it is finished, in so many fresh processes.
 
-    One task or job is done here, without `first`, which each new process does before. Raises ToolError when a process
-    dies; whatever ends this, tasks that have not begun are left out.
+    One task or job is done here, after `here` instead of `first`, which each new process does before. Raises ToolError
+    when a process dies; whatever ends this, tasks that have not begun are left out.
     """
-    if jobs <= 1 or len(tasks) < 2:
+    if _is_done_here(jobs, len(tasks)):
+        if tasks:
+            here()
         yield from ((key, work(*arguments)) for key, arguments in tasks.items())
         return
-    context = multiprocessing.get_context("spawn")
-    processes = ProcessPoolExecutor(min(jobs, len(tasks)), mp_context=context, initializer=_begin, initargs=first)
     waiting, running = iter(tasks.items()), dict[Future[Result], Key]()
-    try:
+    with _pool(min(jobs, len(tasks)), first) as processes:
         while True:
             for key, arguments in itertools.islice(waiting, 2 * jobs - len(running)):
                 running[processes.submit(work, *arguments)] = key
@@ -105,10 +93,37 @@ def as_finished(
                 return
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 yield running.pop(future), future.result()
+
+
+def _is_done_here(jobs: int, tasks: int) -> bool:
+    return jobs <= 1 or tasks < 2
+
+
+@contextmanager
+def _pool(jobs: int, first: First | None) -> Iterator[ProcessPoolExecutor]:
+    """Yield so many fresh processes; tasks that have not begun at the end are left out."""
+    context = multiprocessing.get_context("spawn")
+    processes = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin, initargs=first or (None, ()))
+    try:
+        yield processes
     except BrokenProcessPool as error:
         raise ToolError("a process died: out of memory? Free some, or allow fewer --jobs") from error
     finally:
         processes.shutdown(cancel_futures=True)
+
+
+def _begin(prepare: Callable[..., object] | None, arguments: tuple[Any, ...]) -> None:
+    """Prepare a new process, which ends when the one that it works for was killed: nothing else would tell it."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    if prepare is not None:
+        prepare(*arguments)
+
+
+def _end_with(parent: BaseProcess) -> None:
+    parent.join()
+    os._exit(1)
 
 
 @dataclass(frozen=True, slots=True)

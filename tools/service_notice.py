@@ -30,7 +30,7 @@ class ServiceNotice(SessionPart):
     The service has started with the first scan that is mapped, and is alive while scans are mapped: a sensor that is
     silent, a thread that is stuck and a mapping that is too slow all end in silence. address: a path, or an abstract
     name that begins with @. watchdog_s: the service manager ends us when it hears nothing for so long; None: it does
-    not. status: how it stands, in one line; without it scans and pose are told. clock: seconds, monotonic.
+    not. clock: seconds, monotonic.
     """
 
     tells = False
@@ -42,12 +42,10 @@ class ServiceNotice(SessionPart):
         address: str,
         watchdog_s: float | None = None,
         *,
-        status: Callable[[], str] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._address = address
         self._period_s = None if watchdog_s is None else watchdog_s / _TIMES_A_WATCHDOG
-        self._status = status
         self._clock = clock
         self._scans = 0
         self._alive_s = self._told_s = float("-inf")
@@ -86,8 +84,6 @@ class ServiceNotice(SessionPart):
         return {}
 
     def _line(self, mapped: MappedScan) -> str:
-        if self._status is not None:
-            return self._status()
         x, y, _ = mapped.pose
         return f"mapping: {self._scans} scans, the car is at x {x:.2f} m, y {y:.2f} m"
 
@@ -98,9 +94,7 @@ class ServiceNotice(SessionPart):
             link.sendto("\n".join(lines).encode(), address)
 
 
-def service_notices(
-    environment: Mapping[str, str], *, status: Callable[[], str] | None = None
-) -> tuple[ServiceNotice, ...]:
+def service_notices(environment: Mapping[str, str]) -> tuple[ServiceNotice, ...]:
     """Return the notices that systemd asks of this process, or none: NOTIFY_SOCKET, WATCHDOG_USEC, WATCHDOG_PID."""
     address = environment.get("NOTIFY_SOCKET")
     if not address:
@@ -108,4 +102,4 @@ def service_notices(
     microseconds = environment.get("WATCHDOG_USEC", "")
     is_ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
     watchdog_s = int(microseconds) * 1e-6 if is_ours and microseconds.isdecimal() else 0.0
-    return (ServiceNotice(address, watchdog_s or None, status=status),)
+    return (ServiceNotice(address, watchdog_s or None),)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fusion.alignment import inverse_jacobian
-from fusion.map_graph import MapEdge, Structure, connect, disagreement
+from fusion.map_graph import MapEdge, Structure, connect
 from mapping import se2
 
 FLOOR = np.array([0.01, 0.01, 0.002]) ** 2  # of the rule
@@ -151,12 +151,3 @@ def test_another_map_changes_no_other_group():
     other = next(group for group in after.groups if "m4" in group.maps)
     for name, placed in one.maps.items():
         np.testing.assert_array_equal(other.maps[name].T_group_map, placed.T_group_map)
-
-
-def test_disagreement_is_measured_at_the_middle():
-    truth = places(3)
-    structure = connect(middles(truth), all_edges(truth))
-    off = edge(truth, "m0", "m2", off=(0.3, 0.4, 0.1))
-    metres, turned = disagreement(off, structure.groups[0].maps, middles(truth))
-    assert metres == pytest.approx(0.5, abs=1e-5)
-    assert turned == pytest.approx(0.1, abs=1e-6)

@@ -196,6 +196,7 @@ def test_a_lost_robot_is_tied_to_the_map_where_it_is(turn: float, building, scan
     driven = Driven(building, again).feed(0, 150).feed(150, 240, jump=np.array([25.0, -3.0, turn]))
     graph = driven.finish()
     assert [(segment.scans, segment.in_map) for segment in graph.segments()] == [(150, True), (90, True)]
+    assert graph.is_tied
     assert graph.refine()
     poses = graph.trajectory().poses
     assert len(poses) == 240
@@ -211,6 +212,7 @@ def test_a_lost_robot_in_an_unknown_place_is_left_out(building, scan_poses, room
     driven.feed(150, 210, jump=np.array([8.0, 5.0, 0.1]))
     graph = driven.finish()
     assert [(segment.scans, segment.in_map) for segment in graph.segments()] == [(150, True), (60, False)]
+    assert not graph.is_tied
     assert len(graph.trajectory()) == len(graph.placed_scans()) == 150
     np.testing.assert_allclose(graph.keyframe_poses[: len(alone)], alone, atol=1e-9)
     assert graph.refine()

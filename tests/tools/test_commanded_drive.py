@@ -213,6 +213,21 @@ def test_a_car_that_does_not_follow_is_stopped_for_good():
     assert not rover.autopilot.armed
 
 
+def test_a_fault_stops_the_car_in_the_step_that_finds_it():
+    """No other step may come: the session may end just now."""
+    clock, pilot = SimulatedClock(5_000_000_000), StraightOn()
+    rover = MavlinkRover(RoverDynamics(np.zeros(3), fits=lambda _: False))
+    link = EmulatedLink(rover, clock, 115200, 115200)
+    with MavlinkVehicle("rover", lambda: link, clock) as vehicle:
+        pilot.place = located(clock())
+        drive = CommandedDrive(pilot, vehicle)
+        while not drive.fault:
+            drive.step(clock())
+            clock.sleep(0.01)
+        assert not rover.autopilot.armed
+        assert not drive.left
+
+
 def test_a_car_that_drives_on_after_an_emergency_stop_is_told_of():
     bench = Bench("deaf@4")
     with bench.vehicle:

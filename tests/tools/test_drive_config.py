@@ -12,6 +12,8 @@ from planning.motion_prediction import MotionModel
 from planning.safety import SafetyLimits
 from tools.config import Config, ConfigError, load
 from tools.drive_config import DriveSection, VehicleSection
+from tools.drive_settings import AutopilotSettings
+from tools.live_drive import autopilot_settings
 
 
 def test_the_defaults_are_the_parts_own():
@@ -20,6 +22,7 @@ def test_the_defaults_are_the_parts_own():
     assert drive.safety(car) == SafetyLimits()
     assert drive.follower(car.curvature_limit_1pm) == FollowerSettings()
     assert drive.look_ahead() == LookAheadSettings()
+    assert autopilot_settings(Config()) == AutopilotSettings(), "what the simulator drives with is what run drives with"
 
 
 def test_a_qcar_turns_as_tightly_as_its_steering_and_plans_leave_a_third_to_correct_with():

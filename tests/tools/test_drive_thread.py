@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import threading
 import time
@@ -10,7 +11,7 @@ import pytest
 
 from drivers.vehicle import DriveCommand, NullVehicle
 from tools.bell import Bell
-from tools.drive_thread import KEY, DriveThread
+from tools.drive_thread import HANGING, KEY, WATCH_S, DriveThread
 
 pytestmark = pytest.mark.live(cores=1)
 FAST = DriveCommand(0.5, 0.0)
@@ -47,6 +48,7 @@ class Driven:
 
     armed = True
     fault = ""
+    left = False
 
     def __init__(self, vehicle, fails_at=None, hangs_at=None):
         self.vehicle, self.fails_at, self.hangs_at = vehicle, fails_at, hangs_at
@@ -154,9 +156,56 @@ def test_a_thread_that_hangs_is_noticed_by_the_watch(vehicle, bell):
 def test_a_car_that_is_not_ours_is_left_alone(vehicle, bell):
     driven = Driven(vehicle)
     thread = started(driven, vehicle, bell)
-    driven.fault = "the vehicle is in MANUAL: somebody else drives"
+    driven.fault, driven.left = "the vehicle is in MANUAL: somebody else drives", True
     thread.end()
     assert vehicle.words() == []
+
+
+def test_a_car_that_a_fault_of_ours_stopped_is_told_to_stand_again_at_the_end(vehicle, bell):
+    driven = Driven(vehicle)
+    thread = started(driven, vehicle, bell)
+    driven.fault = "the vehicle does not follow"
+    thread.end()
+    assert vehicle.words() == ["stop", "disarm"]
+
+
+def test_a_car_that_is_armed_only_after_its_thread_has_hung_for_a_while_is_stopped_too(vehicle, bell):
+    driven = Driven(vehicle, hangs_at=5)
+    driven.armed = False
+    thread = started(driven, vehicle, bell)
+    wait_for(lambda: driven.steps == 5)
+    time.sleep((HANGING + 5) * WATCH_S)
+    driven.armed = True
+    wait_for(vehicle.words)
+    assert vehicle.words() == ["cut"]
+    driven.free.set()
+    thread.end()
+
+
+@pytest.mark.parametrize("why", ["hangs", "dies", "key"])
+def test_a_log_that_nobody_reads_keeps_nothing_from_stopping_the_car(vehicle, bell, why):
+    """A terminal that was stopped by Ctrl-S blocks whoever writes to it."""
+    free = threading.Event()
+
+    class Blocking(logging.Handler):
+        def emit(self, record):
+            free.wait(30.0)
+
+    blocking = Blocking()
+    logger = logging.getLogger("tools.drive_thread")
+    logger.addHandler(blocking)
+    try:
+        driven = Driven(vehicle, hangs_at=5 if why == "hangs" else None, fails_at=5 if why == "dies" else None)
+        thread = started(driven, vehicle, bell)
+        if why == "key":
+            bell.ring(KEY)
+        wait_for(vehicle.words)
+        assert vehicle.words()[0] == "cut"
+    finally:
+        free.set()
+        logger.removeHandler(blocking)
+    driven.free.set()
+    thread.end()
 
 
 def test_the_pace_is_kept(vehicle, bell):

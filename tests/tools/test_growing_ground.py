@@ -5,6 +5,8 @@ A whole drive is in test_exploring_evaluation.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -64,6 +66,10 @@ def test_a_scan_gives_the_place_by_slam_and_the_map_with_it():
     settings = exploring(AutopilotSettings())
     ground = GrowingGround(seen, Vehicle(), settings, [goal])
     assert ground.add(scan(np.zeros(3), accepted=False)) is None
+    guessed = ground.add(replace(scan(np.zeros(3)), in_map=False))
+    assert guessed is not None
+    assert guessed.place is None
+    assert "tracking was lost" in guessed.reason
     pose = np.array([0.2, 0.1, 0.3])
     sight = ground.add(scan(pose))
     assert sight is not None

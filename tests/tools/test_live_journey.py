@@ -38,6 +38,7 @@ def test_without_goal_and_vehicle_the_car_is_at_most_looked_for(room):
         ({"goals": (GOAL,), "map_file": "m.yaml", "has_lidar": False}, "--goal: needs --lidar"),
         ({"start": GOAL, "map_file": "m.yaml"}, "--start: only with --goal"),
         ({"start": GOAL, "goals": (GOAL,)}, "--start: only with --map"),
+        ({"goals": (GOAL,), "resumes": True}, "--goal: with --resume only with --map"),
     ],
 )
 def test_what_makes_no_sense_together_is_refused(wanted, words):

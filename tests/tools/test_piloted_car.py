@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 from typing import Any, cast
 
 import numpy as np
@@ -100,6 +101,15 @@ def test_a_car_that_does_not_know_its_place_is_given_up_after_a_while(bench):
     outcome, reason = car.conclusion(None)
     assert outcome is Outcome.lost
     assert "not known for 10 s" in reason
+
+
+def test_a_car_whose_place_is_old_is_given_up_likewise(bench):
+    """Scans come and none fits: the pilot goes on believing in the last place, and stands."""
+    pilot, car, clock, _ = bench
+    pilot.place = replace(pilot.place, stamp_ns=clock())
+    assert not drive(car, clock, 9.0)
+    assert drive(car, clock, 2.0)
+    assert car.conclusion(None)[0] is Outcome.lost
 
 
 def test_our_emergency_stop_is_no_fault_of_the_vehicle_and_the_session_goes_on(bench):

@@ -29,10 +29,10 @@ def test_tasks_shared_by_processes_come_back_in_their_order(jobs):
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_what_is_finished_comes_back_at_once_by_its_key(jobs):
     tasks = {"slow": (0.6,), "quick": (0.0,), "other": (0.0,)}
-    finished = [key for key, _ in as_finished(time.sleep, tasks, jobs=jobs, first=(time.sleep, (0.0,)))]
+    finished = [key for key, _ in as_finished(time.sleep, tasks, jobs=jobs, first=(time.sleep, (0.0,)), here=bool)]
     assert sorted(finished) == sorted(tasks)
     assert (finished[-1] == "slow") == (jobs == 2)
-    assert dict(as_finished(pow, {"a": (2, 5), "b": (3, 4)}, jobs=jobs, first=(time.sleep, (0.0,)))) == {
+    assert dict(as_finished(pow, {"a": (2, 5), "b": (3, 4)}, jobs=jobs, first=(time.sleep, (0.0,)), here=bool)) == {
         "a": 32,
         "b": 81,
     }
@@ -40,7 +40,9 @@ def test_what_is_finished_comes_back_at_once_by_its_key(jobs):
 
 def test_a_shared_process_that_dies_is_one_clear_error():
     with pytest.raises(ToolError, match="memory"):
-        list(as_finished(os._exit, {1: (9,), 2: (9,)}, jobs=2, first=(time.sleep, (0.0,))))
+        list(as_finished(os._exit, {1: (9,), 2: (9,)}, jobs=2, first=(time.sleep, (0.0,)), here=bool))
+    with pytest.raises(ToolError, match="memory"):
+        list(in_processes(os._exit, [9, 9], jobs=2))
 
 
 def test_an_error_comes_back_as_it_was(tmp_path):

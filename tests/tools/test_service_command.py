@@ -32,6 +32,8 @@ def test_the_options_of_run_go_into_the_unit_with_absolute_paths(cli, tmp_path, 
         ((), "no sensor"),
         (("--lidar", "x", "--bogus"), "No such option: --bogus: see mapfuse-robot run -h"),
         (("--lidar", "x", "-o", "d"), "-o: a service may start many times"),
+        (("--lidar", "x", "--goal", "a", "b", "c"), "--goal a b c: expected three numbers"),
+        (("--lidar", "x", "--start", "0", "0", "0", "--map", "m.yaml"), "--start: only with --goal"),
         (("--lidar", "x", "--folder", "/no/such"), "--folder /no/such: no such folder"),
     ],
 )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import os
-from typing import Annotated, Any
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperCommand
@@ -25,6 +27,10 @@ from tools.commands.options import (
 )
 from tools.errors import UsageError
 from tools.exit_codes import ExitCode
+
+if TYPE_CHECKING:
+    from tools.drive_goals import Pose
+    from tools.live_journey import JourneyWanted
 
 log = logging.getLogger(__name__)
 
@@ -91,7 +97,7 @@ def run(
     from mapping.slam_state import read_state
     from tools.clock import RunClock
     from tools.lidar_session import SensorPorts, run_session, session_is_whole
-    from tools.live_journey import JourneyWanted, journey, without_wheels
+    from tools.live_journey import journey, without_wheels
     from tools.result_folder import MAPPED, check_result_folder, new_results
     from tools.results import is_placed
     from tools.service_notice import service_notices
@@ -99,8 +105,7 @@ def run(
 
     require_sensor(lidar, depth)
     config = load_config(config_file, resolution, cells_per_meter)
-    goals = tuple(_pose_of(words) for words in goal or ())
-    wanted = JourneyWanted(map_file, goals, start, vehicle, has_lidar=lidar is not None)
+    wanted = wanted_of(lidar=lidar, map_file=map_file, goal=goal, start=start, vehicle=vehicle, resume=resume)
     if wanted.uses_vehicle:
         config = without_wheels(config)
     check_result_folder(output, MAPPED, [path for path in (map_file, resume) if path is not None], records=record)
@@ -127,7 +132,23 @@ def run(
     raise typer.Exit(ExitCode.OK if is_whole else ExitCode.PARTIAL)
 
 
-def _pose_of(words: str) -> tuple[float, float, float]:
+def wanted_of(
+    *,
+    lidar: str | None,
+    map_file: Path | None,
+    goal: Sequence[str] | None,
+    start: Pose | None,
+    vehicle: str | None,
+    resume: Path | None,
+) -> JourneyWanted:
+    """Return where these options drive to; raises UsageError for what makes no sense together."""
+    from tools.live_journey import JourneyWanted
+
+    goals = tuple(_pose_of(words) for words in goal or ())
+    return JourneyWanted(map_file, goals, start, vehicle, has_lidar=lidar is not None, resumes=resume is not None)
+
+
+def _pose_of(words: str) -> Pose:
     """Return the pose of a --goal; raises UsageError."""
     try:
         x_m, y_m, yaw_rad = (float(word) for word in words.replace(",", " ").split())

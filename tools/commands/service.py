@@ -12,7 +12,7 @@ from typing import Annotated, Any
 import typer
 
 from tools.commands.options import load_config, require_sensor
-from tools.commands.run import WithGoals, run
+from tools.commands.run import WithGoals, run, wanted_of
 from tools.errors import UsageError
 
 _BEYOND_REGAIN_S = 10
@@ -70,11 +70,14 @@ def service(
 
 
 def run_options(words: Sequence[str]) -> dict[str, Any]:
-    """Return the options of `run` that the words say; raises the parser's errors, and UsageError without a sensor."""
+    """Return the options of `run` that the words say; raises the parser's errors, and UsageError
+    without a sensor or for a drive that makes no sense.
+    """
     parser = typer.Typer(add_completion=False)
     parser.command(cls=WithGoals)(run)
     given = typer.main.get_command(parser).make_context("mapfuse-robot run", list(words)).params
     require_sensor(given.get("lidar"), given.get("depth"))
+    wanted_of(**{name: given.get(name) for name in ("lidar", "map_file", "goal", "start", "vehicle", "resume")})
     return given
 
 
