@@ -17,11 +17,11 @@ IntArray = NDArray[np.int64]
 
 
 def faulty_ranger(ranger: Ranger, script: FaultScript) -> Ranger:
-    """The ranger with the script's noise, invalid samples and angle jitter; itself if there are none of these."""
-    if not script.of_kind(FaultKind.NOISE, FaultKind.INVALID, FaultKind.JITTER):
-        return ranger
+    """The ranger with the script's noise, invalid samples and angle jitter, also those that are added later."""
 
     def measure(times_ns: IntArray, theta_cw_rad: FloatArray) -> FloatArray:
+        if not script.of_kind(FaultKind.NOISE, FaultKind.INVALID, FaultKind.JITTER):
+            return ranger(times_ns, theta_cw_rad)
         theta = theta_cw_rad + _amounts(script, FaultKind.JITTER, times_ns) * np.radians(normal(times_ns, script.seed))
         ranges = ranger(times_ns, theta)
         spread = _amounts(script, FaultKind.NOISE, times_ns)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers.rover_dynamics import RoverModel
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from planning.path import Path
@@ -107,14 +108,17 @@ class Stop:
     speed_mps: float
     event_mps: float
 
-    def in_time(self, command_s: float, deceleration_mps2: float, latency_s: float) -> bool:
-        """Whether the command left within command_s, and the car stood as soon after it as it can brake."""
-        braking_s = latency_s + self.speed_mps / deceleration_mps2
-        return self.command_s <= command_s and self.stood_s <= self.command_s + braking_s + _TURN_S
+    def in_time(self, command_s: float, model: RoverModel, turn_s: float = _TURN_S) -> bool:
+        """Whether the command left within command_s, and the car stood as soon after it as it can brake.
 
-    def by_timeout(self, timeout_s: float, deceleration_mps2: float, latency_s: float) -> bool:
+        turn_s: of the vehicle's loop.
+        """
+        braking_s = model.latency_s + self.speed_mps / model.acceleration_mps2
+        return self.command_s <= command_s and self.stood_s <= self.command_s + braking_s + turn_s
+
+    def by_timeout(self, timeout_s: float, model: RoverModel, turn_s: float = _TURN_S) -> bool:
         """Whether the car stood as soon as it can brake after the vehicle's own timeout."""
-        return self.stood_s <= timeout_s + latency_s + self.event_mps / deceleration_mps2 + _TURN_S
+        return self.stood_s <= timeout_s + model.latency_s + self.event_mps / model.acceleration_mps2 + turn_s
 
 
 def stop_after(truth: TrueDrive, sent: list[tuple[float, float]], event_s: float) -> Stop:

@@ -65,8 +65,8 @@ def stop_on_the_way(bench: Bench, number: int, cause: StopCause) -> Report:
     noticed_s = next((tick.now_s for tick in loop.log.ticks if tick.now_s >= event.at_s and tick.safe.stopped), None)
     last = loop.log.ticks[-1].safe
     return {
-        "command_s": _or_none(stop.command_s),
-        "stood_s": _or_none(stop.stood_s),
+        "command_s": or_none(stop.command_s),
+        "stood_s": or_none(stop.stood_s),
         "speed_mps": round(stop.event_mps, 3),
         "noticed_s": None if noticed_s is None else round(noticed_s - event.at_s, 3),
         "vehicle_timeout_s": _timeout_s(car),
@@ -140,11 +140,11 @@ def _timeout_s(car: SimulatedCar) -> float:
 
 
 def _is_in_time(stop: Stop, cause: StopCause, bench: Bench, timeout_s: float) -> bool:
-    model = bench.model
     if cause.by_timeout:
-        return stop.by_timeout(timeout_s + TIMEOUT_S, model.acceleration_mps2, model.latency_s)
-    return stop.in_time(STOP_S, model.acceleration_mps2, model.latency_s)
+        return stop.by_timeout(timeout_s + TIMEOUT_S, bench.model)
+    return stop.in_time(STOP_S, bench.model)
 
 
-def _or_none(seconds: float) -> float | None:
+def or_none(seconds: float) -> float | None:
+    """Return seconds for a table or JSON, None for infinite ones."""
     return round(seconds, 3) if math.isfinite(seconds) else None

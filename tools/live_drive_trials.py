@@ -13,7 +13,6 @@ import subprocess
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 from enum import Enum
 from pathlib import Path
 
@@ -24,12 +23,12 @@ from drivers.rover_dynamics import RoverModel
 from mapping import se2
 from mapping.map_io import write_map
 from tools.drive_bench import WORLD, Bench, Case, map_world
-from tools.drive_scores import arrival
-from tools.drive_stops import STOP_S
+from tools.drive_scores import Stop, arrival
+from tools.drive_stops import STOP_S, TIMEOUT_S, or_none, told_stop
 from tools.errors import ToolError
 from tools.processes import own_command
 from tools.results import Report
-from tools.watched_car import LiveStop, WatchedCar
+from tools.watched_car import WatchedCar
 
 FloatArray = NDArray[np.float64]
 _START_S, _DRIVE_S, _END_S = 240.0, 120.0, 60.0  # a computer that compiles first; the longest way; saving
@@ -46,21 +45,20 @@ class LiveCause(str, Enum):
     interrupt = "Ctrl-C"
     emergency = "e-stop"
     silent_lidar = "silent lidar"
+    blind_lidar = "blind lidar"  # scans come, and give no pose
     killed = "SIGKILL"
     cut = "link cut"
 
 
+MAPS_ON = (LiveCause.emergency, LiveCause.blind_lidar, LiveCause.cut)  # `run`, until somebody ends it
 BY_TIMEOUT = (LiveCause.killed, LiveCause.cut)  # where nobody but the vehicle can stop it
 
 
-def in_time(stop: LiveStop, cause: LiveCause, timeout_s: float, model: RoverModel) -> bool:
+def in_time(stop: Stop, cause: LiveCause, timeout_s: float, model: RoverModel) -> bool:
     """Whether the car stood as soon as it must: 0.6 s or the vehicle's timeout + 0.1 s, and braking."""
-    braking_s = model.latency_s + stop.fastest_mps / model.acceleration_mps2 + _TURN_S
-    if stop.stood_s is None:
-        return False
     if cause in BY_TIMEOUT:
-        return stop.stood_s <= timeout_s + 0.1 + braking_s
-    return stop.zero_s is not None and stop.zero_s <= STOP_S and stop.stood_s <= stop.zero_s + braking_s
+        return stop.by_timeout(timeout_s + TIMEOUT_S, model, _TURN_S)
+    return stop.in_time(STOP_S, model, _TURN_S)
 
 
 @contextmanager
@@ -101,7 +99,7 @@ def live_trial(case: Case, cause: LiveCause, map_file: Path, folder: Path) -> Re
                 _wait(lambda: car.is_driven, _DRIVE_S, process, lines)
                 event_ns = car.now_ns()
                 _happen(cause, car, process)
-            code = _ended(process, car, wants_signal=cause in (LiveCause.emergency, LiveCause.cut))
+            code = _ended(process, car, wants_signal=cause in MAPS_ON)
     finally:
         car.close()
     return _row(case, cause, car, event_ns, code, folder)
@@ -110,6 +108,8 @@ def live_trial(case: Case, cause: LiveCause, map_file: Path, folder: Path) -> Re
 def _happen(cause: LiveCause, car: WatchedCar, process: subprocess.Popen[bytes]) -> None:
     if cause is LiveCause.silent_lidar:
         car.silence_lidar()
+    elif cause is LiveCause.blind_lidar:
+        car.blind_lidar()
     elif cause is LiveCause.cut:
         car.cut_link()
     else:
@@ -160,17 +160,23 @@ def _row(case: Case, cause: LiveCause, car: WatchedCar, event_ns: int | None, co
         "waited_s": round(car.emulated.clock.waited_s, 2),
         "saved": bool(report),
         "thread": report.get("drive", {}).get("thread"),
-        "stops": len(report.get("drive", {}).get("stops", ())),
+        "stops": [stop["reason"] for stop in report.get("drive", {}).get("stops", ())],
     }
     if event_ns is None:
         row |= {"goal_m": round(end.away_m, 4), "goal_deg": round(math.degrees(end.turned_rad), 2)}
         row["passed"] = code == 0 and end.is_within() and not rover.contacts
         return row
     stop = car.stop_after(event_ns)
-    row |= {**asdict(stop), "timeout_s": timeout_s}
+    row |= {
+        "command_s": or_none(stop.command_s),
+        "stood_s": or_none(stop.stood_s),
+        "speed_mps": round(stop.event_mps, 3),
+        "vehicle_timeout_s": timeout_s,
+        "in_time": in_time(stop, cause, timeout_s, bench.model),
+    }
     is_saved = bool(report) or cause is LiveCause.killed
     is_blind = cause in BY_TIMEOUT  # until its timeout it drives on as it was told last, and a wall may be in the way
-    row["passed"] = in_time(stop, cause, timeout_s, bench.model) and is_saved and (is_blind or not rover.contacts)
+    row["passed"] = row["in_time"] and is_saved and (is_blind or not rover.contacts)
     return row
 
 
@@ -201,7 +207,7 @@ def table_of_live(report: Report) -> list[str]:
                 f"{max(row['goal_m'] for row in rows) * 100:.1f} cm, {max(row['goal_deg'] for row in rows):.1f} deg off"
             )
         else:
-            zeros = [row["zero_s"] for row in rows if row["zero_s"] is not None]
+            zeros = [row["command_s"] for row in rows if row["command_s"] is not None]
             stood = max((math.inf if row["stood_s"] is None else row["stood_s"]) for row in rows)
             zero = f"zero speed after {max(zeros):.3f} s, " if zeros and cause not in BY_TIMEOUT else ""
             worst = f"{zero}standing after {stood:.2f} s"
@@ -211,10 +217,7 @@ def table_of_live(report: Report) -> list[str]:
 
 
 def _words(row: Report) -> str:
-    what = (
-        f"{row['goal_m'] * 100:.1f} cm and {row['goal_deg']:.1f} deg off"
-        if "goal_m" in row
-        else f"zero speed after {row['zero_s']} s, standing after {row['stood_s']} s"
-    )
+    is_arrival = row["cause"] == LiveCause.arrival.value
+    what = f"{row['goal_m'] * 100:.1f} cm and {row['goal_deg']:.1f} deg off" if is_arrival else told_stop(row)
     good = "passed" if row["passed"] else "FAILED"
     return f"live, {row['cause']}: {what}, exit code {row['code']}, {row['contacts']} contacts: {good}"

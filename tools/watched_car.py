@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from drivers.emulated_faults import Fault, FaultKind, FaultScript
 from drivers.rover_faults import RoverFaultKind
 from drivers.rplidar_models import MODELS
 from tools.car_emulation import CarWanted, EmulatedVehicle
+from tools.drive_scores import Stop, TrueDrive, stop_after
 from tools.rover_emulation import serve_over_network
 
 FloatArray = NDArray[np.float64]
@@ -21,19 +21,6 @@ _MODEL = "A2M8"
 _FAST_MPS = 0.2
 _STANDING_MPS = 1e-3
 _SETPOINT = "SET_POSITION_TARGET_LOCAL_NED"
-
-
-@dataclass(frozen=True, slots=True)
-class LiveStop:
-    """Seconds from the event until the first of the zero-speed setpoints came in, and until the car stood.
-
-    None where that never came. from_mps: how fast it was at the event, fastest_mps: since then.
-    """
-
-    zero_s: float | None
-    stood_s: float | None
-    from_mps: float
-    fastest_mps: float
 
 
 class WatchedCar:
@@ -76,6 +63,10 @@ class WatchedCar:
         """From now on no byte of the lidar arrives."""
         self._script.add(Fault(FaultKind.SILENCE))
 
+    def blind_lidar(self) -> None:
+        """From now on its scans come as before, and show nothing: a covered window."""
+        self._script.add(Fault(FaultKind.INVALID, (1.0,)))
+
     def cut_link(self) -> None:
         """From now on nothing comes from or goes to the vehicle."""
         self.emulated.rover.begin(RoverFaultKind.CUT)
@@ -95,18 +86,11 @@ class WatchedCar:
         """Whether it drives fast, and is told to."""
         return self.speed_mps > _FAST_MPS and abs(self.setpoints[-1][1]) > _FAST_MPS
 
-    def stop_after(self, event_ns: int) -> LiveStop:
-        """Measure a stop by the truth."""
-        stamps_ns, _, speeds = self.emulated.world.truth
-        since = np.abs(speeds[np.searchsorted(stamps_ns, event_ns) :])
-        rolling = np.flatnonzero(np.abs(speeds) > _STANDING_MPS)
-        last = int(rolling[-1]) if len(rolling) else -1
-        stood = None if last + 1 >= len(stamps_ns) else max((int(stamps_ns[last + 1]) - event_ns) * 1e-9, 0.0)
-        after = [(at_ns, mps) for at_ns, mps in self.setpoints if at_ns >= event_ns]
-        moving_ns = max((at_ns for at_ns, mps in after if mps != 0.0), default=event_ns)
-        zero_ns = min((at_ns for at_ns, mps in after if mps == 0.0 and at_ns >= moving_ns), default=None)
-        zero_s = None if zero_ns is None else round((zero_ns - event_ns) * 1e-9, 3)
-        return LiveStop(zero_s, None if stood is None else round(stood, 3), float(since[0]), float(since.max()))
+    def stop_after(self, event_ns: int) -> Stop:
+        """Measure a stop by the truth; commands count when they arrive."""
+        stamps_ns, poses, speeds = self.emulated.world.truth
+        truth = TrueDrive(np.asarray(stamps_ns * 1e-9, dtype=np.float64), poses, poses, speeds)
+        return stop_after(truth, [(at_ns * 1e-9, mps) for at_ns, mps in self.setpoints], event_ns * 1e-9)
 
     def close(self) -> None:
         """End it."""

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from drivers.emulated_faults import FaultScript, parse_script
+from drivers.emulated_faults import FaultScript, parse_fault, parse_script
 from drivers.emulated_optics import faulty_ranger, normal, uniform
 
 TIMES = np.arange(20_000, dtype=np.int64) * 125_000
@@ -23,8 +23,16 @@ def measure(script: str, ranger=wall, seed: int = 0, times: np.ndarray = TIMES) 
     return np.asarray(faulty_ranger(ranger, faults)(times, np.ones(len(times))))
 
 
-def test_without_optical_faults_the_ranger_is_itself() -> None:
-    assert faulty_ranger(wall, FaultScript(parse_script("flip=0.1"))) is wall
+def test_without_optical_faults_the_ranger_measures_as_it_is() -> None:
+    assert np.array_equal(measure("flip=0.1", ramp), ramp(TIMES, np.ones(len(TIMES))))
+
+
+def test_a_fault_may_come_later() -> None:
+    faults = FaultScript()
+    measured = faulty_ranger(wall, faults)
+    assert (measured(TIMES, np.ones(len(TIMES))) == 4.0).all()
+    faults.add(parse_fault("invalid=1"))
+    assert (measured(TIMES, np.ones(len(TIMES))) == 0.0).all()
 
 
 def test_random_numbers_are_spread_as_they_should() -> None:

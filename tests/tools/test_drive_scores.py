@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from drivers.rover_dynamics import RoverModel
 from drivers.vehicle import DriveCommand
 from planning.path import path_along
 from planning.safety import SafeCommand
@@ -15,6 +16,8 @@ from tools.autopilot import AutopilotState, Drive
 from tools.closed_loop import Tick
 from tools.drive_scores import TrueDrive, arrival, contacts, largest_cross_track_m, place_off_m, stop_after
 from tools.world import World
+
+CAR = RoverModel(acceleration_mps2=1.5, latency_s=0.1)
 
 
 def straight(offset_m=0.0, seconds=4.0, speed_mps=0.5):
@@ -84,16 +87,16 @@ def test_a_stop_counts_from_the_event_to_the_last_motion():
     assert stop.command_s == pytest.approx(0.2)
     assert stop.stood_s == pytest.approx(0.5)
     assert stop.speed_mps == 0.5  # it brakes from that, however slow it was at the event
-    assert stop.in_time(0.6, 1.5, 0.1)
-    assert not stop.in_time(0.1, 1.5, 0.1)
-    assert not stop.in_time(0.6, 10.0, 0.1)
+    assert stop.in_time(0.6, CAR)
+    assert not stop.in_time(0.1, CAR)
+    assert not stop.in_time(0.6, RoverModel(acceleration_mps2=10.0, latency_s=0.1))
 
 
 def test_a_car_that_never_stops_is_not_in_time():
     stop = stop_after(straight(), sent(), 2.0)
     assert (stop.command_s, stop.stood_s) == (math.inf, math.inf)
-    assert not stop.in_time(0.6, 1.5, 0.1)
-    assert not stop.by_timeout(3.0, 1.5, 0.1)
+    assert not stop.in_time(0.6, CAR)
+    assert not stop.by_timeout(3.0, CAR)
 
 
 def test_where_nothing_is_sent_any_more_the_vehicles_timeout_counts():
@@ -101,8 +104,8 @@ def test_where_nothing_is_sent_any_more_the_vehicles_timeout_counts():
     truth.speeds_mps[350:] = 0.0
     stop = stop_after(truth, [item for item in sent() if item[0] < 2.0], 2.0)
     assert (stop.command_s, stop.event_mps) == (math.inf, 0.5)
-    assert stop.by_timeout(1.1, 1.5, 0.1)
-    assert not stop.by_timeout(1.0, 1.5, 0.1)
+    assert stop.by_timeout(1.1, CAR)
+    assert not stop.by_timeout(1.0, CAR)
 
 
 def test_the_place_is_off_by_its_distance_from_the_truth_at_its_stamp():

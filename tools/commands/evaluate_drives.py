@@ -37,8 +37,8 @@ def drives(
     simulator's truth is read by the scorer alone. 0.5 m/s at most, commands take hold after 0.1 s. Stops of each kind:
     old poses, old scans, an emergency stop, a silent vehicle, our process killed, a cut link, a vehicle that hears
     nothing. --live: `run` drives an emulated car over a pseudo-terminal and UDP; it arrives, or is ended by Ctrl-C, an
-    emergency stop, SIGKILL, a silent lidar or a cut link; half a minute each. Exit code 1: the car touched something,
-    or something else is not as it must be.
+    emergency stop, SIGKILL, a silent lidar, one that sees nothing (scans without a pose) or a cut link; half a minute
+    each. Exit code 1: the car touched something, or something else is not as it must be.
     """
     from tools.drive_evaluation import DrivesWanted, evaluate_drives
     from tools.drive_report import table_of
