@@ -26,6 +26,7 @@ GridNow = Callable[[], OccupancyGrid]
 
 _AROUND_M = 3.0  # of nobody's space around what is known and the goals, for ways that lead outside
 _ROOM_M = (0.15, 0.08)  # to keep from walls of which only an edge may be known yet, where there is so much
+_NO_WALL = -1.0  # log-odds
 _SPREAD = np.diag([0.02, 0.02, 0.01]) ** 2  # of a pose on the map that it was made with
 
 
@@ -58,32 +59,27 @@ class GrowingGround:
         reason = "on the map that is being made"
         located = Located(mapped.stamp_ns, mapped.pose, mapped.T_map_odom, _SPREAD, 1.0, reason)
         known = self._grid_now()
-        grid = reaching(known, np.vstack([self._goals, mapped.pose[np.newaxis, :2]]), _AROUND_M)
-        grid = with_room_for(grid, mapped.pose, self._vehicle)
+        body = se2.transform_points(mapped.pose, self._vehicle.body)
+        grid = reaching(known, np.vstack([self._goals, mapped.pose[np.newaxis, :2]]), _AROUND_M, body)
         near = near_costmap(grid, mapped.pose, self._vehicle, self._settings)
         return Sight(Place(located, near, grid), reason)
 
 
-def with_room_for(grid: OccupancyGrid, pose: FloatArray, vehicle: Vehicle) -> OccupancyGrid:
-    """Return the map without walls in the cells that the body of a car at a pose (3,) covers: it could not stand there.
+def reaching(grid: OccupancyGrid, places: FloatArray, around_m: float, body: FloatArray) -> OccupancyGrid:
+    """Return the map with unknown cells around: so much around the grid, and around places (N, 2) of its frame.
 
-    Walls are drawn as wide as cells and as thick as poses are uncertain; a car beside one would seem to be in it.
+    The cells that the corners (M, 2) of a convex body enclose are no wall: it could not stand there else. Walls are
+    drawn as wide as cells and as thick as poses are uncertain; a car beside one would seem to be in it.
     """
     import cv2
 
-    under = np.zeros(grid.log_odds.shape, np.uint8)
-    corners = grid.cell_coordinates(se2.transform_points(pose, vehicle.body))
-    cv2.fillConvexPoly(under, np.floor(corners).astype(np.int32), (1,))
-    return OccupancyGrid(np.where(under > 0, -1.0, grid.log_odds).astype(np.float32), grid.resolution_m, grid.origin)
-
-
-def reaching(grid: OccupancyGrid, places: FloatArray, around_m: float) -> OccupancyGrid:
-    """Return the same cells with unknown ones around: so much around the grid, and around places (N, 2) of its map."""
     rows, cols = grid.log_odds.shape
     around = around_m / grid.resolution_m
-    at = np.vstack([grid.cell_coordinates(places), [[0.0, 0.0], [cols, rows]]])
+    at = np.vstack([grid.cell_coordinates(np.vstack([places, body])), [[0.0, 0.0], [cols, rows]]])
     low, high = np.floor(at.min(axis=0) - around).astype(int), np.ceil(at.max(axis=0) + around).astype(int)
     cells = np.zeros((high[1] - low[1], high[0] - low[0]), np.float32)
     cells[-low[1] : rows - low[1], -low[0] : cols - low[0]] = grid.log_odds
+    corners = np.floor(grid.cell_coordinates(body)).astype(np.int32) - low.astype(np.int32)
+    cv2.fillConvexPoly(cells, corners, (_NO_WALL,))
     corner = np.array([*(low * grid.resolution_m), 0.0])
     return OccupancyGrid(cells, grid.resolution_m, se2.compose(grid.origin, corner))

@@ -18,7 +18,7 @@ from mapping.slam import MappedScan
 from planning.costmap import UnknownSpace, costmap
 from planning.vehicle import Vehicle
 from tools.drive_settings import AutopilotSettings
-from tools.growing_ground import GrowingGround, exploring, reaching, with_room_for
+from tools.growing_ground import GrowingGround, exploring, reaching
 
 FloatArray = NDArray[np.float64]
 CELL_M = 0.05
@@ -42,11 +42,14 @@ def scan(pose: np.ndarray, *, accepted: bool = True) -> MappedScan:
 def test_cells_around_are_unknown_and_the_others_stay_where_they_are(origin):
     grid = OccupancyGrid(seen().log_odds, CELL_M, np.array(origin))
     places = se2.transform_points(grid.origin, np.array([[7.0, -3.0], [0.2, 0.2]]))
-    larger = reaching(grid, places, 1.0)
+    body = se2.transform_points(grid.origin, np.array([[7.0, -3.0], [7.3, -3.0], [7.3, -2.7], [7.0, -2.7]]))
+    larger = reaching(grid, places, 1.0, body)
     middles = se2.transform_points(grid.origin, (np.argwhere(grid.log_odds > -9)[:, ::-1] + 0.5) * CELL_M)
     col, row = np.floor(larger.cell_coordinates(middles)).astype(int).T
     np.testing.assert_array_equal(larger.log_odds[row, col], grid.log_odds.ravel())
-    assert np.count_nonzero(larger.log_odds) == grid.log_odds.size
+    under = np.floor(larger.cell_coordinates(body.mean(axis=0, keepdims=True))).astype(int)[0, ::-1]
+    assert larger.log_odds[tuple(under)] < 0.0
+    assert np.count_nonzero(larger.log_odds) - grid.log_odds.size == pytest.approx((0.3 / CELL_M) ** 2, rel=0.5)
     rows, cols = larger.log_odds.shape
     at = larger.cell_coordinates(places)
     assert (at >= 1.0 / CELL_M - 1e-6).all()
@@ -55,8 +58,8 @@ def test_cells_around_are_unknown_and_the_others_stay_where_they_are(origin):
 
 def test_where_the_car_stands_there_is_no_wall():
     car, pose = Vehicle(margin_m=0.0), np.array([1.1, 0.1, 0.2])  # its front is in the cells of the wall
-    assert not costmap(reaching(seen(), pose[np.newaxis, :2], 1.0), car, UnknownSpace.costly).fits(pose)
-    mended = with_room_for(reaching(seen(), pose[np.newaxis, :2], 1.0), pose, car)
+    assert not costmap(seen(), car, UnknownSpace.costly).fits(pose)
+    mended = reaching(seen(), pose[np.newaxis, :2], 1.0, se2.transform_points(pose, car.body))
     assert costmap(mended, car, UnknownSpace.costly).fits(pose)
     assert np.count_nonzero(mended.occupied) >= 13  # the others of the wall's 20 cells are still there
 
