@@ -114,6 +114,10 @@ class LiveDrive:
         self._thread = DriveThread(car, self._vehicle, session.clock, self._bell, session.stop, car.look)
         self._thread.start()
 
+    def status(self) -> str:
+        """Return how the drive stands, in a line; any thread may ask."""
+        return self.conclusion[1] if self._car is None else self._car.status()
+
     def note(self, message: Recordable) -> None:
         """Let the safety stage and the vehicle know of a scan."""
         if isinstance(message, LaserScan) and self._car is not None:

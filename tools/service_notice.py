@@ -30,7 +30,7 @@ class ServiceNotice(SessionPart):
     The service has started with the first scan that is mapped, and is alive while scans are mapped: a sensor that is
     silent, a thread that is stuck and a mapping that is too slow all end in silence. address: a path, or an abstract
     name that begins with @. watchdog_s: the service manager ends us when it hears nothing for so long; None: it does
-    not. clock: seconds, monotonic.
+    not. status: says how a drive stands. clock: seconds, monotonic.
     """
 
     tells = False
@@ -42,9 +42,10 @@ class ServiceNotice(SessionPart):
         address: str,
         watchdog_s: float | None = None,
         *,
+        status: Callable[[], str] | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._address = address
+        self._address, self._status = address, status
         self._period_s = None if watchdog_s is None else watchdog_s / _TIMES_A_WATCHDOG
         self._clock = clock
         self._scans = 0
@@ -85,7 +86,8 @@ class ServiceNotice(SessionPart):
 
     def _line(self, mapped: MappedScan) -> str:
         x, y, _ = mapped.pose
-        return f"mapping: {self._scans} scans, the car is at x {x:.2f} m, y {y:.2f} m"
+        drive = "" if self._status is None else f"; {self._status()}"
+        return f"mapping: {self._scans} scans, the car is at x {x:.2f} m, y {y:.2f} m{drive}"
 
     def _send(self, *lines: str) -> None:
         address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
@@ -94,12 +96,17 @@ class ServiceNotice(SessionPart):
             link.sendto("\n".join(lines).encode(), address)
 
 
-def service_notices(environment: Mapping[str, str]) -> tuple[ServiceNotice, ...]:
-    """Return the notices that systemd asks of this process, or none: NOTIFY_SOCKET, WATCHDOG_USEC, WATCHDOG_PID."""
+def service_notices(
+    environment: Mapping[str, str], status: Callable[[], str] | None = None
+) -> tuple[ServiceNotice, ...]:
+    """Return the notices that systemd asks of this process, or none: NOTIFY_SOCKET, WATCHDOG_USEC, WATCHDOG_PID.
+
+    status: see ServiceNotice.
+    """
     address = environment.get("NOTIFY_SOCKET")
     if not address:
         return ()
     microseconds = environment.get("WATCHDOG_USEC", "")
     is_ours = environment.get("WATCHDOG_PID", str(os.getpid())) == str(os.getpid())
     watchdog_s = int(microseconds) * 1e-6 if is_ours and microseconds.isdecimal() else 0.0
-    return (ServiceNotice(address, watchdog_s or None),)
+    return (ServiceNotice(address, watchdog_s or None, status=status),)

@@ -133,6 +133,13 @@ def test_the_watchdog_is_answered_where_it_watches_this_process(asked, alive, ma
     assert ("WATCHDOG" in told) == alive
 
 
+def test_a_drive_is_told_too(manager, mapped):
+    systemd, address = manager
+    (notice,) = service_notices({"NOTIFY_SOCKET": address}, lambda: "driving to goal 1: 2.0 m to go")
+    notice.add(mapped)
+    assert systemd.heard()[0]["STATUS"].endswith("y -2.00 m; driving to goal 1: 2.0 m to go")
+
+
 def test_nobody_who_listens_is_no_fault(tmp_path, mapped):
     notice = ServiceNotice(str(tmp_path / "gone"), 1.0)
     notice.begin(session())

@@ -121,7 +121,7 @@ def run(
             stop,
             record=record,
             resume=earlier,
-            parts=[*way.parts, *service_notices(os.environ)],
+            parts=[*way.parts, *service_notices(os.environ, None if way.drive is None else way.drive.status)],
             clock=clock,
         )
     if as_json:
