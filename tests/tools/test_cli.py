@@ -90,7 +90,7 @@ def test_live_run_is_saved_on_ctrl_c_and_replays_to_the_same_bytes(model, replay
     assert error.max_deg < 1.5
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_sigterm_ends_a_recording_cleanly(spawn, cli, tmp_path):
     emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
     port = str(emulator.event("ready")["address"])
@@ -107,7 +107,7 @@ def test_sigterm_ends_a_recording_cleanly(spawn, cli, tmp_path):
     assert cli("bag", "check", tmp_path / "r.mcap").code == 0
 
 
-@pytest.mark.live
+@pytest.mark.live(cores=1)
 def test_lidar_lost_during_the_run_leaves_everything_saved(spawn, tmp_path):
     emulator = spawn("emulate", "lidar", "--pose", "1.6", "3.6", "0", "--json")
     port = str(emulator.event("ready")["address"])
