@@ -18,7 +18,7 @@ FloatArray = NDArray[np.float64]
 Descriptors = NDArray[np.float32] | NDArray[np.uint8]
 
 _THRESHOLD, _OCTAVES, _SUBLEVELS = 1e-4, 3, 4  # MATLAB's defaults, which the thesis used; AKAZE has the same levels
-_STRONGEST = 5000  # matching costs the product of both maps' numbers
+STRONGEST = 5000  # matching costs the product of both maps' numbers
 _QUALITY, _APART_PX, _BLOCK_PX, _HARRIS_K = 0.01, 1.0, 3, 0.04  # of the corner detectors, MATLAB's too
 _CORNER_PX = 8.0  # a corner has no size of its own, but descriptors need one
 _CENTROID_PX = 15  # radius of ORB's patch
@@ -27,22 +27,23 @@ _MARGIN = 16  # keypoints need surroundings: free space that touches the image's
 _WIDE_MARGIN = 40  # ORB and BRISK leave out what is this near the edge
 _AKAZE_LEAST = (40 << _OCTAVES, 80 << _OCTAVES)  # rows, cols: in smaller images AKAZE has fewer levels than KAZE
 
-_WITH_DESCRIPTOR: MappingProxyType[str, Callable[[], cv2.Feature2D]] = MappingProxyType(
+# Each is made for the most keypoints that are wanted; those that find all heed it no further.
+_WITH_DESCRIPTOR: MappingProxyType[str, Callable[[int], cv2.Feature2D]] = MappingProxyType(
     {
-        "kaze": lambda: cv2.KAZE.create(False, False, _THRESHOLD, _OCTAVES, _SUBLEVELS),
-        "akaze": lambda: cv2.AKAZE.create(nOctaves=_OCTAVES, nOctaveLayers=_SUBLEVELS),
-        "sift": cv2.SIFT.create,
-        "orb": lambda: cv2.ORB.create(_STRONGEST),
-        "brisk": cv2.BRISK.create,
+        "kaze": lambda _: cv2.KAZE.create(False, False, _THRESHOLD, _OCTAVES, _SUBLEVELS),
+        "akaze": lambda _: cv2.AKAZE.create(nOctaves=_OCTAVES, nOctaveLayers=_SUBLEVELS),
+        "sift": lambda _: cv2.SIFT.create(),
+        "orb": cv2.ORB.create,
+        "brisk": lambda _: cv2.BRISK.create(),
     }
 )
-_WITHOUT: MappingProxyType[str, Callable[[], cv2.Feature2D]] = MappingProxyType(
+_WITHOUT: MappingProxyType[str, Callable[[int], cv2.Feature2D]] = MappingProxyType(
     {
-        "harris": lambda: cv2.GFTTDetector.create(_STRONGEST, _QUALITY, _APART_PX, _BLOCK_PX, True, _HARRIS_K),
-        "shi-tomasi": lambda: cv2.GFTTDetector.create(_STRONGEST, _QUALITY, _APART_PX, _BLOCK_PX, False),
-        "fast": cv2.FastFeatureDetector.create,
-        "agast": cv2.AgastFeatureDetector.create,
-        "mser": cv2.MSER.create,
+        "harris": lambda most: cv2.GFTTDetector.create(most, _QUALITY, _APART_PX, _BLOCK_PX, True, _HARRIS_K),
+        "shi-tomasi": lambda most: cv2.GFTTDetector.create(most, _QUALITY, _APART_PX, _BLOCK_PX, False),
+        "fast": lambda _: cv2.FastFeatureDetector.create(),
+        "agast": lambda _: cv2.AgastFeatureDetector.create(),
+        "mser": lambda _: cv2.MSER.create(),
     }
 )
 _OF_BITS = ("akaze", "orb", "brisk")
@@ -97,8 +98,10 @@ class Features:
     descriptors: Descriptors
 
 
-def detect_features(layer: Layer, method: FeatureMethod = KAZE_SIFT, outside: int = 0) -> Features:
-    """Find the strongest keypoints of a layer and describe them; outside is the layer's value around it.
+def detect_features(
+    layer: Layer, method: FeatureMethod = KAZE_SIFT, outside: int = 0, strongest: int | None = STRONGEST
+) -> Features:
+    """Find the strongest keypoints of a layer, None all, and describe them; outside is the layer's value around it.
 
     KAZE's are extrema of the determinant of the Hessian (3.10) in its scale space (3.3-3.9). Keypoints must come from
     `detectAndCompute`: `detect` alone leaves every orientation of KAZE's at 0, and then descriptors of a turned map
@@ -107,10 +110,10 @@ def detect_features(layer: Layer, method: FeatureMethod = KAZE_SIFT, outside: in
     margin = _WIDE_MARGIN if {"orb", "brisk"} & {method.detector, method.descriptor} else _MARGIN
     if layer.any():
         image = _framed(layer, margin, outside, method)
-        keypoints, descriptors = _keypoints(image, method)
+        keypoints, descriptors = _keypoints(image, method, image.size if strongest is None else strongest)
         if method.descriptor != method.detector and keypoints:
             keypoints = _prepared(image, keypoints, method)
-            keypoints, descriptors = _WITH_DESCRIPTOR[method.descriptor]().compute(image, keypoints)
+            keypoints, descriptors = _WITH_DESCRIPTOR[method.descriptor](STRONGEST).compute(image, keypoints)
         if len(keypoints):
             points = np.array([keypoint.pt for keypoint in keypoints], dtype=np.float64)
             # OpenCV counts from the centre of the first pixel.
@@ -119,6 +122,15 @@ def detect_features(layer: Layer, method: FeatureMethod = KAZE_SIFT, outside: in
                 return Features(points, np.asarray(descriptors, dtype=np.uint8))
             return Features(points, np.asarray(descriptors, dtype=np.float32))
     return Features(np.empty((0, 2)), np.empty((0, 1), np.float32))
+
+
+def count_keypoints(layer: Layer, detector: str, outside: int = 0) -> int:
+    """Return how many keypoints a detector finds in all, also those that no descriptor could describe."""
+    if not layer.any():
+        return 0
+    method = FeatureMethod(detector)
+    image = _framed(layer, _WIDE_MARGIN, outside, method)
+    return len(({**_WITHOUT, **_WITH_DESCRIPTOR})[detector](image.size).detect(image))
 
 
 def _framed(layer: Layer, margin: int, outside: int, method: FeatureMethod) -> Layer:
@@ -130,13 +142,15 @@ def _framed(layer: Layer, margin: int, outside: int, method: FeatureMethod) -> L
     )
 
 
-def _keypoints(image: Layer, method: FeatureMethod) -> tuple[Sequence[cv2.KeyPoint], NDArray[np.generic] | None]:
+def _keypoints(
+    image: Layer, method: FeatureMethod, most: int
+) -> tuple[Sequence[cv2.KeyPoint], NDArray[np.generic] | None]:
     """Return the strongest keypoints, with the detector's own descriptors where it has them."""
     if method.detector in _WITHOUT:
-        keypoints, descriptors = _WITHOUT[method.detector]().detect(image), None
+        keypoints, descriptors = _WITHOUT[method.detector](most).detect(image), None
     else:
-        keypoints, descriptors = _WITH_DESCRIPTOR[method.detector]().detectAndCompute(image, None)
-    strongest = sorted(range(len(keypoints)), key=lambda number: -keypoints[number].response)[:_STRONGEST]
+        keypoints, descriptors = _WITH_DESCRIPTOR[method.detector](most).detectAndCompute(image, None)
+    strongest = sorted(range(len(keypoints)), key=lambda number: -keypoints[number].response)[:most]
     chosen = [keypoints[number] for number in strongest]
     return chosen, None if descriptors is None else descriptors[strongest]
 

@@ -25,6 +25,7 @@ from tools.commands import (
     bench_plan,
     bench_slam,
     config,
+    data_set,
     demo,
     doctor,
     emulate,
@@ -33,6 +34,7 @@ from tools.commands import (
     evaluate_drives,
     evaluate_exploring,
     evaluate_features,
+    evaluate_fusion,
     evaluate_lidar,
     evaluate_localisation,
     evaluate_plans,
@@ -73,6 +75,7 @@ app.command("align")(align.align)
 app.command("fuse")(fuse.fuse)
 app.command("plan")(plan.plan)
 app.command("pairs")(pairs.pairs)
+app.command("data-set")(data_set.data_set)
 app.command("learn")(learn.learn)
 app.command("demo")(demo.demo)
 app.command("doctor")(doctor.doctor)
@@ -93,6 +96,7 @@ evaluate.app.command("drives")(evaluate_drives.drives)
 evaluate.app.command("exploring")(evaluate_exploring.exploring)
 evaluate.app.command("localisation")(evaluate_localisation.localisation)
 evaluate.app.command("features")(evaluate_features.features)
+evaluate.app.command("fusion")(evaluate_fusion.fusion)
 evaluate.app.command("lidar")(evaluate_lidar.lidar)
 evaluate.app.command("plans")(evaluate_plans.plans)
 evaluate.app.command("robustness")(evaluate_robustness.robustness)

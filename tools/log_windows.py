@@ -35,13 +35,15 @@ _CAMERA_REACH_M, _CAMERA_HALF_ANGLE_RAD, _CAMERA_NOISE = 5.0, np.radians(35.0), 
 class PosedScans:
     """A drive of N scans: poses (N, 3) of the sensor in the log's frame, and each one's points (K, 2) in the sensor's.
 
-    Points beyond reach_m count as free space up to there.
+    Points beyond reach_m count as free space up to there. duration_s: from the first scan to the last, None unknown.
     """
 
     building: str
     poses: FloatArray
     points: tuple[FloatArray, ...]
     reach_m: float
+    duration_s: float | None = None
+    simulated: bool = False
 
     @property
     def travelled_m(self) -> FloatArray:

@@ -31,7 +31,7 @@ def read_corrected_log(path: Path, reach_m: float) -> PosedScans:
     """Read the FLASER lines of a CARMEN log, gzipped or not: readings, then the corrected pose; raises ToolError."""
     building = path.name.split(".", maxsplit=1)[0].removesuffix("-corrected")
     opener = gzip.open if path.suffix == ".gz" else open
-    poses, points = [], []
+    poses, points, stamps_s = [], [], []
     try:
         with opener(path, "rt", encoding="ascii", errors="replace") as lines:
             for line in lines:
@@ -45,12 +45,19 @@ def read_corrected_log(path: Path, reach_m: float) -> PosedScans:
                 ranges, angles = values[:count], beam_angles(count)
                 valid = (ranges >= _SHORTEST_M) & (ranges < _NO_RETURN_M)
                 poses.append(values[count:])
+                stamps_s.append(float(fields[-1]))
                 points.append((ranges * np.array([np.cos(angles), np.sin(angles)])).T[valid])
     except (OSError, EOFError, ValueError, IndexError) as error:
         raise ToolError(f"{path}: not a corrected CARMEN log: {fault_in(error)}") from error
     if not poses:
         raise ToolError(f"{path}: no FLASER line in it: give a CARMEN log with corrected poses")
-    return PosedScans(building, np.array(poses), tuple(points), reach_m)
+    return PosedScans(building, np.array(poses), tuple(points), reach_m, _duration_s(stamps_s))
+
+
+def _duration_s(stamps_s: list[float]) -> float | None:
+    """Return the time of a drive; None for stamps rounded so much that most of them are equal, as in csail."""
+    told = len(set(stamps_s)) > len(stamps_s) // 2 and max(stamps_s) > min(stamps_s)
+    return max(stamps_s) - min(stamps_s) if told else None
 
 
 def read_text_grid(path: Path, resolution_m: float) -> OccupancyGrid:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -25,7 +23,6 @@ from tools.pair_making import WindowPlan, copy_map, window_pairs, write_scale_ma
 from tools.processes import in_processes
 from tools.real_maps import LOG_REACH_M, read_corrected_log
 from tools.replay_run import recorded_config
-from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
 _REACH_M = 15.0
@@ -44,22 +41,27 @@ class Drive:
     building: str | None = None
 
 
-def read_drive(drive: Drive) -> PosedScans:
+def read_drive(drive: Drive, *, thin: bool = True) -> PosedScans:
     """Read scans and poses; raises ToolError and the reader's own errors where either is missing.
 
-    Of a recording's scans one is taken each 0.1 m or 5 deg of motion. Named as the file, whatever the building.
+    Of a recording's scans one is taken each 0.1 m or 5 deg of motion, or with thin=False all. Named as the file,
+    whatever the building.
     """
     if drive.trajectory is None:
         name = drive.source.name.split(".", maxsplit=1)[0].removesuffix("-corrected")
         return read_corrected_log(drive.source, LOG_REACH_M.get(name, _REACH_M))
     with open_recording(drive.source) as recording:
         config = recorded_config(recording)
+        simulated = recording.metadata.get("mapfuse.origin", {}).get("simulated") == "true"
     log = read_driven_log(drive.source, drive.trajectory, config)
     at_sensor = np.array([*log.sensor, 0.0])
     points = tuple(each - log.sensor for each in log.points)
     packed = drive.source.suffix in {".gz", ".bz2"}
     source = drive.source.with_suffix("") if packed else drive.source
-    return thinned(PosedScans(source.stem, se2.compose(log.poses, at_sensor), points, config.grid.max_range_m))
+    duration_s = float(np.ptp(log.stamps_ns)) * 1e-9
+    poses = se2.compose(log.poses, at_sensor)
+    scans = PosedScans(source.stem, poses, points, config.grid.max_range_m, duration_s, simulated)
+    return thinned(scans) if thin else scans
 
 
 def drive_pairs(
@@ -91,23 +93,6 @@ def recorded_pairs(
         firsts = [each for each in maps_of_pairs(found) if each.kind == FIRST]
         pairs += [*found, *varied_pairs(firsts, finished, plan.apart if finished else 0, random, set())]
     return pairs
-
-
-@contextmanager
-def new_pair_folder(folder: Path) -> Iterator[Path]:
-    """Give a folder to fill that takes the wanted name when all is done; raises ToolError where that is there."""
-    partial_folder = folder.with_name(f"{folder.name}.part")
-    with writing_to(folder):
-        if folder.exists():
-            raise ToolError(f"{folder}: is there already: name a new folder for the pairs")
-        shutil.rmtree(partial_folder, ignore_errors=True)
-        (partial_folder / "maps").mkdir(parents=True)
-    try:
-        yield partial_folder
-        with writing_to(folder):
-            partial_folder.rename(folder)
-    finally:
-        shutil.rmtree(partial_folder, ignore_errors=True)
 
 
 def _pairs_of_drive(folder: Path, plan: WindowPlan, seed: int, drive: Drive) -> tuple[str, list[MapPair]]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import logging
 import re
-from collections.abc import Iterable
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from tools.errors import ToolError
@@ -55,6 +57,33 @@ def new_results(chosen: Path | None, products: re.Pattern[str]) -> Path:
             (folder / REPORT).unlink(missing_ok=True)
             log.info("%s: replaces the results of an earlier run there", folder)
     return folder
+
+
+def check_experiment_folder(folder: Path, data: Path) -> None:
+    """Raise ToolError where experiments cannot write: no place, or the folder of the maps that they read."""
+    check_run_folder(folder)
+    if folder.resolve() == data.resolve():
+        raise ToolError(f"{folder}: holds the maps that are read: name another folder")
+
+
+@contextmanager
+def new_set_folder(folder: Path) -> Iterator[Path]:
+    """Give a folder to fill, with `maps` in it, that takes the wanted name when all is done; ToolError if it is there.
+
+    Nothing is left of it where the work fails.
+    """
+    partial_folder = folder.with_name(f"{folder.name}.part")
+    with writing_to(folder):
+        if folder.exists():
+            raise ToolError(f"{folder}: is there already: name a new folder")
+        shutil.rmtree(partial_folder, ignore_errors=True)
+        (partial_folder / "maps").mkdir(parents=True)
+    try:
+        yield partial_folder
+        with writing_to(folder):
+            partial_folder.rename(folder)
+    finally:
+        shutil.rmtree(partial_folder, ignore_errors=True)
 
 
 def _products(folder: Path, products: re.Pattern[str]) -> list[Path]:

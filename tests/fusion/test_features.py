@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fusion.errors import FusionError
-from fusion.features import DESCRIPTORS, DETECTORS, KAZE_SIFT, FeatureMethod, detect_features
+from fusion.features import DESCRIPTORS, DETECTORS, KAZE_SIFT, FeatureMethod, count_keypoints, detect_features
 from fusion.free_space import free_layer
 from fusion.matching import match_descriptors
 from fusion.resampling import known_corners, raster_around, resample
@@ -102,3 +102,13 @@ def test_a_turned_real_map_matches_itself(data_dir, turn_deg):
 @pytest.mark.parametrize("value", [0, 255])
 def test_an_even_layer_has_no_features_or_few_at_its_rim(value):
     assert len(detect_features(np.full((40, 40), value, np.uint8)).points) < 20
+
+
+@pytest.mark.parametrize("detector", ["brisk", "harris", "shi-tomasi", "kaze", "orb", "sift"])
+def test_all_keypoints_are_counted_however_many(detector):
+    layer = (np.random.default_rng(1).random((200, 200)) > 0.5).astype(np.uint8) * 255
+    most = count_keypoints(layer, detector)
+    found = len(detect_features(layer, FeatureMethod(detector), strongest=None).points)
+    assert most >= found
+    assert len(detect_features(layer, FeatureMethod(detector), strongest=50).points) <= 50 < found
+    assert count_keypoints(np.zeros_like(layer), detector) == 0

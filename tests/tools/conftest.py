@@ -23,6 +23,7 @@ from mapping.raycast import cast_rays
 from tools.cli import main
 from tools.drive_bench import WORLD, Bench, Mapped
 from tools.log_windows import PosedScans
+from tools.map_data_set import DataSetMap, MapDataSet, write_data_set
 from tools.simulated_drive import record_round_trip
 from tools.world import load_world
 
@@ -148,6 +149,39 @@ def corridor_drive() -> PosedScans:
         ranges = cast_rays(occupied, starts, beams + yaw, 1000.0) * 0.1
         points.append(directions * (ranges + random.normal(0.0, 0.005, len(ranges)))[:, np.newaxis])
     return PosedScans("corridor", poses, tuple(points), 15.0)
+
+
+@pytest.fixture(scope="session")
+def corridor_log(corridor_drive: PosedScans, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The drive in the corridor as a corrected CARMEN log of 181 beams, only to be read."""
+    lines = []
+    for pose, points in zip(corridor_drive.poses, corridor_drive.points, strict=True):
+        ranges = " ".join(f"{value:.3f}" for value in np.hypot(*points.T))
+        at = " ".join(f"{value:.6f}" for value in pose)
+        lines.append(f"FLASER 181 {ranges} {at} {at} 1.0 host 1.0")
+    path = tmp_path_factory.mktemp("log") / "hall-corrected.log"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture(scope="session")
+def box_set(tmp_path_factory: pytest.TempPathFactory) -> MapDataSet:
+    """Simulated maps of boxes on 6 m x 5 m at 10 and 20 cells/m, the second rate with holes in the free space."""
+    image = np.full((100, 120), 255, np.uint8)
+    for x, y, width, height in np.random.default_rng(5).integers([3, 3, 4, 4], [110, 90, 20, 20], (22, 4)).tolist():
+        cv2.rectangle(image, (x, y), (x + width, y + height), 0, 2)
+    folder, maps = tmp_path_factory.mktemp("boxes"), []
+    for k in (1, 2):
+        cells = np.where(image > 0, -5.0, 5.0)
+        if k == 2:
+            cells[np.random.default_rng(1).random(cells.shape) < 0.02] = 0.0
+        for r, every in ((10.0, 2), (20.0, 1)):
+            grid = OccupancyGrid(cells[::every, ::every].astype(np.float32), 1.0 / r, np.zeros(3))
+            files = write_map(folder / f"r{r:g}-k{k}", grid)
+            maps.append(DataSetMap(f"r{r:g}-k{k}", files.lossless, 1.0 / r, 2.5 / k, k, "car", pose=np.zeros(3)))
+    data = MapDataSet(folder, "boxes", "Simulated data: drawn boxes.", True, tuple(maps), "heterogeneous")
+    write_data_set(data)
+    return data
 
 
 ROOMS_POSE = np.array([6.0, -3.0, 2.2])

@@ -9,22 +9,14 @@ from drivers.carmen_lines import beam_angles
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from mapping.trajectory import Trajectory, write_tum
-from tools.errors import ToolError
 from tools.pair_files import read_pairs
-from tools.recorded_pairs import Drive, new_pair_folder, read_drive
+from tools.recorded_pairs import Drive, read_drive
 
 
-@pytest.fixture(scope="module")
-def log(corridor_drive, tmp_path_factory):
-    """The drive as a corrected CARMEN log of 181 beams."""
-    lines = []
-    for pose, points in zip(corridor_drive.poses, corridor_drive.points, strict=True):
-        ranges = " ".join(f"{value:.3f}" for value in np.hypot(*points.T))
-        at = " ".join(f"{value:.6f}" for value in pose)
-        lines.append(f"FLASER 181 {ranges} {at} {at} 1.0 host 1.0")
-    path = tmp_path_factory.mktemp("log") / "hall-corrected.log"
-    path.write_text("\n".join(lines) + "\n")
-    return path
+@pytest.fixture
+def log(corridor_log):
+    """The drive as a corrected CARMEN log."""
+    return corridor_log
 
 
 def test_a_log_with_poses_is_read_as_it_was_driven(log, corridor_drive):
@@ -115,15 +107,3 @@ def test_a_place_without_room_is_told_before_the_work(log, cli, tmp_path):
         outcome = cli("pairs", log, "-o", place)
         assert (outcome.code, len(outcome.error_lines)) == (1, 1), outcome.err
     assert (tmp_path / "file").read_text() == "years of work"
-
-
-def test_a_folder_takes_its_name_when_it_is_done(tmp_path):
-    with pytest.raises(OSError, match="no-folder"), new_pair_folder(tmp_path / "x") as folder:
-        (folder / "no-folder/a").write_text("a")
-    assert list(tmp_path.iterdir()) == []
-    with new_pair_folder(tmp_path / "x") as folder:
-        (folder / "maps/a").write_text("a")
-        assert not (tmp_path / "x").exists()
-    assert (tmp_path / "x/maps/a").read_text() == "a"
-    with pytest.raises(ToolError, match="is there already"), new_pair_folder(tmp_path / "x"):
-        pass

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tools.errors import ToolError
-from tools.result_folder import FUSED, MAPPED, check_result_folder, new_results
+from tools.result_folder import FUSED, MAPPED, check_result_folder, new_results, new_set_folder
 
 
 def filled(folder, *names):
@@ -65,3 +65,15 @@ def test_a_folder_of_a_recording_alone_takes_its_replay(tmp_path):
     check_result_folder(folder, MAPPED)
     with pytest.raises(ToolError, match=r"holds recording\.mcap: name"):
         check_result_folder(folder, MAPPED, records=True)
+
+
+def test_a_folder_takes_its_name_when_it_is_done(tmp_path):
+    with pytest.raises(OSError, match="no-folder"), new_set_folder(tmp_path / "x") as folder:
+        (folder / "no-folder/a").write_text("a")
+    assert list(tmp_path.iterdir()) == []
+    with new_set_folder(tmp_path / "x") as folder:
+        (folder / "maps/a").write_text("a")
+        assert not (tmp_path / "x").exists()
+    assert (tmp_path / "x/maps/a").read_text() == "a"
+    with pytest.raises(ToolError, match="is there already"), new_set_folder(tmp_path / "x"):
+        pass

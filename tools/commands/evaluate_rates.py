@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import logging
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from tools.commands.options import ConfigFile, Json, load_config, print_json
-from tools.errors import UsageError
 from tools.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from tools.rate_study import RateMap
 
 log = logging.getLogger(__name__)
-
-Number = TypeVar("Number", int, float)
-
-_MOST = 1000
 
 
 def rates(
@@ -46,14 +41,15 @@ def rates(
 
     from drivers.recording_reader import open_recording
     from mapping.relations import read_relations
+    from tools.number_lists import positive_numbers
     from tools.plots import draw_rate_maps, draw_real_time_factors
     from tools.rate_study import study_rates
     from tools.replay_run import recorded_config
     from tools.result_folder import RATES, check_result_folder, new_results
     from tools.results import writing_to
 
-    cells = _numbers(resolutions, float, "--cells-per-meter")
-    steps = _numbers(every, int, "--scan-every")
+    cells = positive_numbers(resolutions, float, "--cells-per-meter")
+    steps = positive_numbers(every, int, "--scan-every")
     check_result_folder(output, RATES)
     true = None if relations is None else read_relations(relations)
     with open_recording(recording) as opened:
@@ -74,17 +70,6 @@ def rates(
     else:
         _print(maps, title)
     raise typer.Exit(ExitCode.PARTIAL if any(each.failures for each in maps) else ExitCode.OK)
-
-
-def _numbers(text: str, kind: type[Number], option: str) -> list[Number]:
-    """Return the positive numbers of a list such as 8,20, rising; raise UsageError."""
-    try:
-        numbers = sorted({kind(part) for part in text.split(",")})
-    except ValueError:
-        numbers = []
-    if not numbers or numbers[0] <= 0 or not numbers[-1] <= _MOST:
-        raise UsageError(f"{option}: {text!r} is no list of positive {kind.__name__} numbers; write them as 8,20")
-    return numbers
 
 
 def _row(each: RateMap) -> dict[str, object]:

@@ -79,7 +79,8 @@ def pairs(
     from tools.pair_files import joined_pairs, write_pairs
     from tools.pair_making import WINDOW_KINDS, WindowPlan
     from tools.public_pairs import ORIGIN, public_pairs
-    from tools.recorded_pairs import Drive, new_pair_folder, recorded_pairs
+    from tools.recorded_pairs import Drive, recorded_pairs
+    from tools.result_folder import new_set_folder
 
     chosen: list[Path] = sources or []
     tracks: list[Path | None] = [*(trajectory or [])]
@@ -95,7 +96,7 @@ def pairs(
     unknown = [kind for kind in kinds.split(",") if kind not in WINDOW_KINDS]
     if unknown:
         raise UsageError(f"--kinds {unknown[0]!r}: expected of {', '.join(WINDOW_KINDS)}, with commas between")
-    with new_pair_folder(output) as folder:
+    with new_set_folder(output) as folder:
         if join:
             made, origin = joined_pairs(join), ", ".join(folder.resolve().name for folder in join)
         elif public is not None:

@@ -1,0 +1,24 @@
+"""The thesis's experiments by the number of their figure or table, as `evaluate fusion --only` names them."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+from tools.experiment import ExperimentKind
+from tools.experiment_inliers import inlier_count, inlier_precision
+from tools.experiment_keypoints import keypoints_by_detector, rescaled_keypoints
+from tools.experiment_rotation import rotation_by_rate, rotation_by_resolution
+from tools.heterogeneous_set import lacks_rates, lacks_resolutions
+
+EXPERIMENTS: MappingProxyType[str, ExperimentKind] = MappingProxyType(
+    {
+        "4.3": ExperimentKind(
+            "keypoints by detector, resolution and scan rate", lacks_resolutions, keypoints_by_detector
+        ),
+        "4.4": ExperimentKind("KAZE keypoints of rescaled maps", lacks_resolutions, rescaled_keypoints),
+        "4.5": ExperimentKind("inlier precision between resolutions", lacks_resolutions, inlier_precision),
+        "4.6": ExperimentKind("inliers between resolutions", lacks_resolutions, inlier_count),
+        "4.7": ExperimentKind("rotation error and time by resolution", lacks_resolutions, rotation_by_resolution),
+        "4.8": ExperimentKind("rotation error and time by scan rate", lacks_rates, rotation_by_rate),
+    }
+)
