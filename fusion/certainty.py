@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fusion.identity import content_hash, known_area_m2, later_version, same_evidence
+from fusion.identity import content_hash, known_area_m2, later_version, may_be_later_version, same_evidence
 from fusion.resampling import known_corners, raster_around, resample
 from mapping import se2
 from mapping.grid import LOG_ODDS_CLAMP, OccupancyGrid
@@ -95,6 +95,7 @@ def _held_by_others(contributions: Mapping[str, Contribution]) -> dict[str, str]
     """Return for each map that another one holds all of, the name of that one, which itself counts."""
     hashes = {name: content_hash(each.grid) for name, each in contributions.items()}
     areas = {name: known_area_m2(each.grid) for name, each in contributions.items()}
+    corners = {name: known_corners(each.grid) for name, each in contributions.items()}
     # Of equals the one counts whose cells come first, whatever the names are: a name says nothing about evidence.
     ranked = sorted(
         contributions, key=lambda name: (-areas[name], hashes[name], contributions[name].grid.log_odds.tobytes(), name)
@@ -102,12 +103,21 @@ def _held_by_others(contributions: Mapping[str, Contribution]) -> dict[str, str]
     counting: list[str] = []
     within: dict[str, str] = {}
     for name in ranked:
-        holder = next((other for other in counting if _holds(contributions[other], contributions[name])), None)
+        mine = contributions[name]
+        # Of many maps few can hold another one: what rules most of them out is asked first, as it looks at no cell.
+        candidates = [other for other in counting if hashes[other] == hashes[name]]
+        candidates += [other for other in counting if _may_hold(contributions[other], mine, corners[name])]
+        holder = next((other for other in candidates if _holds(contributions[other], mine)), None)
         if holder is None:
             counting.append(name)
         else:
             within[name] = holder
     return within
+
+
+def _may_hold(later: Contribution, earlier: Contribution, corners: FloatArray) -> bool:
+    T_later_earlier = se2.between(later.T_global_map, earlier.T_global_map)
+    return may_be_later_version(later.grid, earlier.grid, T_later_earlier, corners)
 
 
 def _holds(later: Contribution, earlier: Contribution) -> bool:

@@ -53,8 +53,19 @@ def common_free_points(a: OccupancyGrid, b: OccupancyGrid, true_T_a_b: FloatArra
     rows, cols = np.nonzero((b.log_odds < _FREE_BELOW) & (seen_by_a < _FREE_BELOW))
     if len(rows) == 0:
         raise FusionError("the two maps share no free space at the true pose: there is nothing to measure an error at")
+    return _spread(b, rows, cols)
+
+
+def free_points(grid: OccupancyGrid) -> FloatArray:
+    """Return up to 40 points (N, 2) of the map frame, spread as far from each other as can be over the free space."""
+    rows, cols = np.nonzero(grid.log_odds < _FREE_BELOW)
+    return _spread(grid, rows, cols) if len(rows) else np.empty((0, 2))
+
+
+def _spread(grid: OccupancyGrid, rows: NDArray[np.intp], cols: NDArray[np.intp]) -> FloatArray:
+    """Return the centres of some of the cells, at least one, the most central one first, each far from the others."""
     thinned = np.linspace(0, len(rows) - 1, min(len(rows), _CANDIDATES)).astype(np.intp)
-    candidates = b.cell_centers(rows[thinned], cols[thinned])
+    candidates = grid.cell_centers(rows[thinned], cols[thinned])
     chosen = [int(np.argmin(((candidates - candidates.mean(axis=0)) ** 2).sum(axis=1)))]
     distance = np.full(len(candidates), np.inf)
     while len(chosen) < min(POINTS, len(candidates)):

@@ -14,6 +14,7 @@ _LEAST_CELLS = 1000  # two maps of a few cells agree by chance
 _LATTICE_RAD = 0.02  # a registration of a map with its later version turns by less
 _ROUNDING = 1e-3  # of log-odds
 _AS_CERTAIN = 0.9  # share of free cells that are no less so later
+_FREE_POINTS, _STILL_FREE = 4000, 0.6  # of an earlier version's free cells, and the share that is free later
 _KEPT, _KEPT_WALLS = 0.96, 0.8  # shares of an earlier version's cells, and of its walls, that a later one has, at least
 
 
@@ -72,6 +73,26 @@ def later_version(later: OccupancyGrid, earlier: OccupancyGrid, T_later_earlier:
     )
 
 
+def may_be_later_version(
+    later: OccupancyGrid,
+    earlier: OccupancyGrid,
+    T_later_earlier: NDArray[np.float64],
+    corners: NDArray[np.float64],
+) -> bool:
+    """Tell whether `later_version` has to be asked, without a look at the cells: most pairs of many maps need not.
+
+    corners (4, 2): of the box around what the earlier map knows, in its frame. At least half of it must lie on the
+    other grid, where later versions have 96 % of the cells.
+    """
+    lattice = se2.compose(se2.inverse(later.origin), se2.compose(T_later_earlier, earlier.origin))
+    if later.resolution_m != earlier.resolution_m or abs(float(lattice[2])) > _LATTICE_RAD or len(corners) == 0:
+        return False
+    cells = later.cell_coordinates(se2.transform_points(T_later_earlier, corners))
+    low, high = cells.min(axis=0), cells.max(axis=0)
+    inside = np.minimum(high, later.log_odds.shape[::-1]) - np.maximum(low, 0.0)
+    return bool((inside > 0.0).all() and inside.prod() >= 0.5 * (high - low).prod())
+
+
 def _kept(
     now: LogOdds, rows: NDArray[np.intp], cols: NDArray[np.intp], classes: NDArray[np.int8], was: LogOdds
 ) -> bool:
@@ -98,6 +119,23 @@ def _lattice_offset(
     middle = se2.transform_points(lattice, (np.array([col, row]) + half) * earlier.resolution_m) / later.resolution_m
     x, y = np.rint(middle - half).astype(int).tolist()
     return float(lattice[2]), (y, x)
+
+
+def goes_on(later: OccupancyGrid, earlier: OccupancyGrid) -> bool:
+    """Tell whether a map is the same robot's map some time later, in the same frame, and not one begun anew.
+
+    Most of what was free is free in it at the same place, though a loop closure may have moved a part. A robot that
+    started again has a map of little, or of another place.
+    """
+    rows, cols = np.nonzero(earlier.free)
+    if len(rows) == 0:
+        return True
+    some = np.linspace(0, len(rows) - 1, min(len(rows), _FREE_POINTS)).astype(np.intp)
+    points = earlier.cell_centers(rows[some], cols[some])
+    col, row = np.floor(later.cell_coordinates(points)).astype(np.int64).T
+    inside = (row >= 0) & (col >= 0) & (row < later.log_odds.shape[0]) & (col < later.log_odds.shape[1])
+    still = np.count_nonzero(later.log_odds[row[inside], col[inside]] < 0.0)
+    return bool(still >= _STILL_FREE * len(points))
 
 
 def precedes(a: OccupancyGrid, b: OccupancyGrid) -> bool:

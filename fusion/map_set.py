@@ -48,15 +48,22 @@ class MapSet:
         if twice:
             raise ValueError(f"{twice[0]}: is in the set already")
         everything = {**self.maps, **maps}
-        ranks = {name: (*reference_rank(grid), name) for name, grid in everything.items()}
-        names = sorted(everything, key=ranks.__getitem__)
-        return replace(self, maps={name: everything[name] for name in names})._compared()
+        return replace(self, maps={name: everything[name] for name in in_order(everything)})._compared()
 
     def removed(self, name: str) -> MapSet:
         """Return the set without a map; raises KeyError for an unknown name."""
         others = dict(self.maps)
         del others[name]
         return replace(self, maps=others)
+
+    def forgetful(self) -> MapSet:
+        """Return the set without what it knows of maps that left it: where maps come and go for hours, that grows."""
+        return replace(
+            self,
+            alignments={pair: each for pair, each in self.alignments.items() if self.maps.keys() >= {*pair}},
+            signatures={name: each for name, each in self.signatures.items() if name in self.maps},
+            alike={pair: each for pair, each in self.alike.items() if self.maps.keys() >= {*pair}},
+        )
 
     def registered(self, alignments: Mapping[Pair, Alignment]) -> MapSet:
         """Return the set with more registrations, of pairs as `missing` names them."""
@@ -113,6 +120,12 @@ class MapSet:
             if (a, b) not in self.alike
         }
         return replace(self, signatures=signatures, alike={**self.alike, **alike})
+
+
+def in_order(maps: Mapping[str, OccupancyGrid]) -> list[str]:
+    """Return the names of maps in the order of `reference_rank`, equals by their names."""
+    ranks = {name: (*reference_rank(grid), name) for name, grid in maps.items()}
+    return sorted(maps, key=ranks.__getitem__)
 
 
 def middle_of(grid: OccupancyGrid) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from types import MappingProxyType
 
+from tools import experiment_growing
 from tools.experiment import ExperimentKind
 from tools.experiment_inliers import inlier_count, inlier_precision
 from tools.experiment_keypoints import keypoints_by_detector, rescaled_keypoints
@@ -20,5 +21,6 @@ EXPERIMENTS: MappingProxyType[str, ExperimentKind] = MappingProxyType(
         "4.6": ExperimentKind("inliers between resolutions", lacks_resolutions, inlier_count),
         "4.7": ExperimentKind("rotation error and time by resolution", lacks_resolutions, rotation_by_resolution),
         "4.8": ExperimentKind("rotation error and time by scan rate", lacks_rates, rotation_by_rate),
+        "5.4": ExperimentKind("when to merge two maps that grow", experiment_growing.lacks, experiment_growing.run),
     }
 )

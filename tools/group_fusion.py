@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import logging
+import re
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,18 +14,23 @@ from pathlib import Path
 from fusion.alignment import Alignment
 from fusion.certainty import CertaintyGrid
 from fusion.hierarchy import LevelMap, best_pairs, first_level, next_level, tree_lines
+from fusion.map_graph import Structure
 from fusion.map_set import MapSet
 from fusion.registration import register
 from mapping.map_io import write_map
 from tools.map_alignment import certainty_fields
 from tools.map_files import MapFiles, read_maps
+from tools.map_folder import expanded
+from tools.map_looks import with_looks
 from tools.pair_registration import Pair, PairRegistration, Registration
 from tools.pictures import draw_map, write_picture
+from tools.progress_line import ProgressLine
 from tools.result_folder import FUSED, check_result_folder, new_results
 from tools.results import FloatArray, Report, new_run_folder, writing_to
 
 log = logging.getLogger(__name__)
 CACHE_NAME = "pairs.jsonl"
+_GLOBAL = re.compile(r"global_(\d+)")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,23 +56,35 @@ class FusedGroups:
 
 
 def fuse_maps(
-    files: Sequence[Path], output: Path | None, registration: Registration, jobs: int = 1
+    arguments: Sequence[Path], output: Path | None, registration: Registration, jobs: int = 1
 ) -> tuple[Path, Report]:
-    """Fuse map files into a folder, global_<k>.yaml/.pgm/.npz/.png and report.json; return both.
+    """Fuse map files, or folders of them, into a folder, global_<k>.yaml/.pgm/.npz/.png and report.json; return both.
 
     Maps that do not belong together become a global map each; one that cannot be read or knows nothing is skipped, if
     another can be used. Finished registrations are kept in the folder, so that a run that was interrupted goes on. The
     order of the files changes nothing but the order in the report. Raises MapFileError, ToolError and UsageError.
     """
-    check_result_folder(output, FUSED, files)
+    files = expanded(arguments)
+    check_result_folder(output, FUSED, [*arguments, *files])
     started = time.perf_counter()
     loaded = read_maps(files)
     folder = new_run_folder(output)
-    pairs = PairRegistration(registration, folder / CACHE_NAME if len(loaded.maps) > 1 else None, jobs, _say_progress)
-    fused = _in_levels(loaded, pairs) if registration.method == "thesis" else _by_graph(loaded, pairs)
+    cache = folder / CACHE_NAME if len(loaded.maps) > 1 else None
+    with ProgressLine("registered {done} of {count} pairs") as progress:
+        pairs = PairRegistration(registration, cache, jobs, progress.tell)
+        fused = _in_levels(loaded, pairs) if registration.method == "thesis" else _by_graph(loaded, pairs, jobs)
+    report = fusion_report(loaded, fused, registration, pairs)
+    report["seconds"] = round(time.perf_counter() - started, 3)
+    new_results(folder, FUSED)
+    save_fusion(folder, fused.groups, report)
+    return folder, report
+
+
+def fusion_report(loaded: MapFiles, fused: FusedGroups, registration: Registration, pairs: PairRegistration) -> Report:
+    """Return what report.json holds, without the time that it took."""
     count = len(loaded.maps)
-    report: Report = {
-        "maps": [_map_entry(loaded, number, fused.groups) for number in range(len(files))],
+    return {
+        "maps": [_map_entry(loaded, number, fused.groups) for number in range(len(loaded.files))],
         "pairs": _pair_entries(loaded, fused, registration),
         "groups": [_group_entry(loaded, k, group) for k, group in enumerate(fused.groups)],
         **fused.details,
@@ -79,16 +97,24 @@ def fuse_maps(
         "method": registration.method,
         "settings": registration.settings_report(),
         "seed": registration.seed,
-        "seconds": round(time.perf_counter() - started, 3),
     }
-    new_results(folder, FUSED)
-    _save(folder, fused.groups, report)
-    return folder, report
 
 
-def _by_graph(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
+def global_maps(maps: MapSet, structure: Structure) -> list[GlobalMap]:
+    """Return the global map of each group of a structure."""
+    return [
+        GlobalMap(
+            maps.fused(group),
+            {name: each.T_group_map for name, each in group.maps.items()},
+            {name: each.covariance for name, each in group.maps.items()},
+        )
+        for group in structure.groups
+    ]
+
+
+def _by_graph(loaded: MapFiles, pairs: PairRegistration, jobs: int) -> FusedGroups:
     """Register what retrieval names, and return what hangs together."""
-    maps, seconds = MapSet().added(loaded.maps), dict[Pair, float]()
+    maps, seconds = with_looks(MapSet(), loaded.maps, jobs).added(loaded.maps), dict[Pair, float]()
     while missing := maps.missing():
         log.info("%d maps: %d pairs to register", len(maps.maps), len(missing))
         finished = pairs.finish(maps.maps, missing)
@@ -98,16 +124,8 @@ def _by_graph(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
     withdrawn = {each.pair: each.reason for each in structure.withdrawn}
     for (a, b), reason in withdrawn.items():
         log.warning("%s with %s: withdrawn: %s", loaded.title(a), loaded.title(b), reason)
-    groups = [
-        GlobalMap(
-            maps.fused(group),
-            {name: each.T_group_map for name, each in group.maps.items()},
-            {name: each.covariance for name, each in group.maps.items()},
-        )
-        for group in structure.groups
-    ]
     alignments = {pair: (maps.alignments[pair], seconds[pair]) for pair in maps.pairs()}
-    return FusedGroups(groups, alignments, withdrawn)
+    return FusedGroups(global_maps(maps, structure), alignments, withdrawn)
 
 
 def _in_levels(loaded: MapFiles, pairs: PairRegistration) -> FusedGroups:
@@ -207,12 +225,8 @@ def _verdict(alignment: Alignment, withdrawn: str | None, seconds: float) -> Rep
     }
 
 
-def _say_progress(done: int, count: int) -> None:
-    log.info("registered %d of %d pairs", done, count)
-
-
-def _save(folder: Path, groups: Sequence[GlobalMap], report: Report) -> None:
-    """Write the global maps and the report."""
+def save_fusion(folder: Path, groups: Sequence[GlobalMap], report: Report) -> None:
+    """Write the global maps and, last, the report; each file is whole at any moment."""
     with writing_to(folder):
         for k, group in enumerate(groups):
             sources = [entry["file"] for entry in report["maps"] if entry["group"] == k]
@@ -222,3 +236,12 @@ def _save(folder: Path, groups: Sequence[GlobalMap], report: Report) -> None:
         partial = folder / "report.json.part"
         partial.write_text(json.dumps(report, indent=2) + "\n", encoding="utf-8")
         partial.replace(folder / "report.json")
+
+
+def remove_global_maps(folder: Path, first: int) -> None:
+    """Remove the global maps of an earlier result from number `first` on."""
+    with writing_to(folder):
+        for file in folder.iterdir():
+            number = _GLOBAL.match(file.name)
+            if number is not None and FUSED.fullmatch(file.name) and int(number[1]) >= first:
+                file.unlink()

@@ -17,6 +17,7 @@ from drivers.wording import fault_in
 from mapping.errors import MapFileError
 from mapping.map_io import read_map
 from tools.errors import ToolError
+from tools.map_folder import map_files
 from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
@@ -160,7 +161,7 @@ def data_hash(data: MapDataSet) -> str:
 
 
 def _plain_folder(folder: Path) -> MapDataSet:
-    files = {path.stem: path for suffix in (".yaml", ".npz") for path in sorted(folder.glob(f"*{suffix}"))}
+    files = {path.stem: path for path in map_files(folder.iterdir())}
     try:
         maps = tuple(DataSetMap(stem, files[stem], read_map(files[stem]).resolution_m) for stem in sorted(files))
     except MapFileError as error:

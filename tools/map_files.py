@@ -67,7 +67,7 @@ def read_maps(files: Sequence[Path]) -> MapFiles:
         else:
             skipped[number] = f"{path}: no known cell"
     if len(errors) == len(files):
-        raise errors[0]
+        raise errors[0] if len(errors) == 1 else MapFileError(f"none of {len(errors)} maps can be read: {errors[0]}")
     for reason in skipped.values():
         log.warning("%s: skipped", reason)
     return _by_content(files, grids, skipped)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -60,7 +61,7 @@ class PairCache:
         self._pairs[key] = pair
         if self._path is None:
             return
-        line = json.dumps({"key": key, "seconds": pair.seconds, **_fields_of(pair.alignment)})
+        line = json.dumps({"key": key, "seconds": pair.seconds, **alignment_fields(pair.alignment)})
         with writing_to(self._path), self._path.open("a", encoding="utf-8") as file:
             file.write(line + "\n" if self._whole else f"\n{line}\n")
             file.flush()
@@ -74,7 +75,8 @@ def exact_hash(grid: OccupancyGrid) -> str:
     return hashlib.sha256(head.encode() + grid.origin.tobytes() + grid.log_odds.tobytes()).hexdigest()
 
 
-def _fields_of(alignment: Alignment) -> dict[str, Any]:
+def alignment_fields(alignment: Alignment) -> dict[str, Any]:
+    """Return an alignment as a JSON object, with all its digits."""
     return {
         "T_a_b": _listed(alignment.T_a_b),
         "accepted": alignment.accepted,
@@ -98,12 +100,19 @@ def _read_line(line: str) -> tuple[str, FinishedPair] | None:
     try:
         entry = json.loads(line)
         key, seconds = str(entry.pop("key")), float(entry.pop("seconds"))
-        entry["T_a_b"], entry["covariance"] = _array(entry["T_a_b"]), _array(entry["covariance"])
-        entry["alternatives"] = tuple(Alternative(np.array(pose), share) for pose, share in entry["alternatives"])
-        entry["slide"] = None if entry["slide"] is None else (float(entry["slide"][0]), float(entry["slide"][1]))
-        return key, FinishedPair(Alignment(**entry), seconds)
+        return key, FinishedPair(alignment_of(entry), seconds)
     except (ValueError, KeyError, TypeError, AttributeError):
         return None
+
+
+def alignment_of(entry: Mapping[str, Any]) -> Alignment:
+    """Return what `alignment_fields` made an object of; raises ValueError, KeyError or TypeError for another one."""
+    fields = dict(entry)
+    fields["T_a_b"], fields["covariance"] = _array(fields["T_a_b"]), _array(fields["covariance"])
+    fields["alternatives"] = tuple(Alternative(np.array(pose), share) for pose, share in fields["alternatives"])
+    slide = fields["slide"]
+    fields["slide"] = None if slide is None else (float(slide[0]), float(slide[1]))
+    return Alignment(**fields)
 
 
 def _listed(array: FloatArray | None) -> list[Any] | None:

@@ -80,11 +80,13 @@ def _drawn(grid: OccupancyGrid, points: FloatArray, darkest: int) -> tuple[Image
 
 
 def write_picture(path: Path, image: Image) -> None:
-    """Write the picture as PNG; raise OSError if that fails."""
+    """Write the picture as PNG, whole or not at all; raise OSError if that fails."""
     encoded, data = cv2.imencode(".png", image)
     if not encoded:
         raise OSError(f"{path}: the picture could not be encoded")
-    path.write_bytes(data.tobytes())
+    partial = path.with_name(f".{path.name}.part")
+    partial.write_bytes(data.tobytes())
+    partial.replace(path)
 
 
 def with_scale_bar(image: Image, pixels_per_m: float) -> Image:

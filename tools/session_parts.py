@@ -24,7 +24,7 @@ class LiveSession:
 
     clock: returns stamps in ns. mount: where the scans are taken from, on the car. put: records a message. stop: ends
     the session. grid_now: returns the map with all scans so far, in the thread that maps; only where a part needs it
-    (SessionPart.needs_map).
+    (SessionPart.needs_map). folder: where the results go.
     """
 
     clock: Callable[[], int]
@@ -32,6 +32,7 @@ class LiveSession:
     put: Callable[[Recordable], None]
     stop: threading.Event
     grid_now: Callable[[], OccupancyGrid] | None = None
+    folder: Path | None = None
 
 
 class SessionPart(Protocol):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fusion.errors import FusionError
-from fusion.evaluation import POINTS, alignment_error, common_free_points
+from fusion.evaluation import POINTS, alignment_error, common_free_points, free_points
 from mapping import se2
 from mapping.grid import OccupancyGrid
 
@@ -49,3 +49,14 @@ def test_maps_without_common_free_space_have_no_error(view):
     a, _ = views(view)
     with pytest.raises(FusionError, match="share no free space"):
         alignment_error(a, OccupancyGrid(np.full((3, 3), 2.0, np.float32), 0.05, np.zeros(3)), TRUTH, TRUTH)
+
+
+def test_points_of_one_map_are_spread_over_its_free_space(view):
+    grid = view(0.0, 12.0, np.array([3.0, 1.0, 0.5]), 1)
+    points = free_points(grid)
+    assert points.shape == (POINTS, 2)
+    col, row = np.floor(grid.cell_coordinates(points)).astype(int).T
+    assert grid.free[row, col].all()
+    assert np.ptp(points, axis=0).min() > 10.0
+    walls_only = OccupancyGrid(np.full((3, 3), 2.0, np.float32), 0.05, np.zeros(3))
+    assert free_points(walls_only).shape == (0, 2)

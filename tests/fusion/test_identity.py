@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from fusion.identity import content_hash, later_version, precedes, reference_rank, same_evidence
+from fusion.identity import (
+    content_hash,
+    goes_on,
+    later_version,
+    may_be_later_version,
+    precedes,
+    reference_rank,
+    same_evidence,
+)
+from fusion.resampling import known_corners
 from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map, write_map
@@ -64,3 +73,26 @@ def test_a_second_run_is_no_later_version(view):
     second = view(0.0, 20.0, np.array([0.027, 0.022, 0.0]), 2)
     assert not later_version(second, first, np.array([0.027, 0.022, 0.0]))
     assert not later_version(view(0.0, 20.0, np.zeros(3), 2, 0.04), first, se2.IDENTITY)
+
+
+def test_a_map_goes_on_while_it_grows_and_bends_and_not_when_it_begins_anew(view):
+    before = view(0.0, 14.0, np.zeros(3), 1)
+    assert goes_on(view(0.0, 20.0, np.zeros(3), 1), before)
+    assert goes_on(view(0.0, 20.0, np.array([0.2, -0.1, 0.02]), 1), before), "a loop closure moved it"
+    assert not goes_on(view(0.0, 5.0, np.zeros(3), 1), before), "little is left of it"
+    assert not goes_on(view(9.0, 30.0, np.zeros(3), 1), before), "another place"
+    assert not goes_on(view(0.0, 20.0, np.array([0.0, 0.0, 2.0]), 1), before), "another frame"
+    nothing = OccupancyGrid(np.zeros((4, 4), np.float32), 0.05, np.zeros(3))
+    assert goes_on(before, nothing)
+
+
+def test_whatever_is_a_later_version_may_be_one_and_most_others_are_ruled_out(view):
+    earlier = view(0.0, 12.0, np.zeros(3), 1)
+    corners = known_corners(earlier)
+    for later, pose in ((view(0.0, 20.0, np.zeros(3), 1), np.zeros(3)), (earlier, np.array([0.05, 0.0, 0.001]))):
+        assert may_be_later_version(later, earlier, pose, corners)
+    far, turned = np.array([8.0, 0.0, 0.0]), np.array([0.0, 0.0, 0.1])
+    assert not may_be_later_version(earlier, earlier, far, corners)
+    assert not may_be_later_version(earlier, earlier, turned, corners)
+    coarse = view(0.0, 20.0, np.zeros(3), 1, 0.1)
+    assert not may_be_later_version(coarse, earlier, np.zeros(3), corners)

@@ -98,3 +98,14 @@ def test_names_are_checked(maps):
 
 def test_the_middle_is_that_of_the_known_cells(view):
     np.testing.assert_allclose(middle_of(view(0.0, 12.0, np.zeros(3), 1)), [6.0, 9.0], atol=0.1)
+
+
+def test_a_forgetful_set_knows_nothing_of_maps_that_left_and_says_the_same(maps, frames):
+    retrieval = RetrievalRule(all_pairs=2, nearest=2, between=1)
+    full = complete(MapSet(retrieval=retrieval).added(maps), frames).removed("all")
+    lean = full.forgetful()
+    assert_same(complete(lean, frames), complete(full, frames))
+    for known in (lean.alignments, lean.alike):
+        assert known
+        assert not any("all" in pair for pair in known)
+    assert set(lean.signatures) == set(maps) - {"all"}

@@ -62,9 +62,10 @@ def test_live_run_is_saved_on_ctrl_c_and_replays_to_the_same_bytes(model, replay
     truth = tmp_path / "truth.tum"
     emulator = spawn("emulate", "lidar", "--model", model, "--truth", truth, "--json")
     port = str(emulator.event("ready")["address"])
-    live = spawn("run", "--lidar", port, "-o", tmp_path / "live")
+    live = spawn("run", "--lidar", port, "-o", tmp_path / "live", "--share-every", "1")
     emulator.event("departed")
     time.sleep(5.0)  # the car drives: a metre of speeding up, then two in its first room
+    assert read_map(tmp_path / "live/map.npz").known.any(), "other robots see the map while it grows"
     ended = live.end(signal.SIGINT)
     assert ended.code == 0, ended.err
     emitted = emulator.end().out.splitlines()[-1]

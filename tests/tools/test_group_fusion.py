@@ -176,3 +176,86 @@ def test_the_method_of_the_thesis_merges_in_levels(cli, three_maps, tmp_path):
     again = cli("fuse", *three_maps, "-o", tmp_path / "out", *options)
     assert again.code == 0
     assert "0 pairs registered, 4 taken from an earlier run" in again.out
+
+
+@pytest.fixture
+def folder_of_maps(three_maps, tmp_path):
+    """A folder with the three maps, and one where their pairs are finished."""
+    shutil.copytree(three_maps[0].parent, tmp_path / "maps")
+    for file in (tmp_path / "maps").glob("*.npz"):
+        file.unlink()  # the finished pairs are those of the images
+    return tmp_path / "maps"
+
+
+def test_a_folder_stands_for_the_maps_in_it(cli, folder_of_maps, resumed):
+    outcome = cli("fuse", folder_of_maps, "-o", resumed, "--jobs", "all", "--json")
+    report = json.loads(outcome.out)
+    assert outcome.code == 0, report["pairs"]
+    assert [entry["file"] for entry in report["maps"]] == [
+        str(folder_of_maps / f"{name}.yaml") for name in ("east", "mid", "west")
+    ]
+    assert report["registrations"]["registered"] == 0
+
+
+def test_bad_maps_in_a_folder_are_named_and_skipped(cli, folder_of_maps, resumed):
+    whole = (folder_of_maps / "mid.pgm").read_bytes()
+    (folder_of_maps / "half.pgm").write_bytes(whole[: len(whole) // 2])
+    (folder_of_maps / "half.yaml").write_text((folder_of_maps / "mid.yaml").read_text().replace("mid.pgm", "half.pgm"))
+    (folder_of_maps / "torn.npz").write_bytes(b"PK half")
+    (folder_of_maps / "empty.yaml").write_text("")
+    outcome = cli("fuse", folder_of_maps, "-o", resumed, "--json")
+    assert outcome.code == 3
+    skipped = {entry["file"] for entry in json.loads(outcome.out)["maps"] if "skipped" in entry}
+    assert skipped == {str(folder_of_maps / name) for name in ("empty.yaml", "half.yaml", "torn.npz")}
+    for name in ("half.pgm", "torn.npz", "empty.yaml"):
+        assert name in outcome.err
+
+
+def test_a_folder_of_which_nothing_can_be_read_is_one_line(cli, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.npz").write_bytes(b"PK half")
+    outcome = cli("fuse", tmp_path, "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert "none of 2 maps can be read" in outcome.err
+    assert "Traceback" not in outcome.err
+
+
+def test_an_empty_folder_is_one_line(cli, tmp_path):
+    (tmp_path / "maps").mkdir()
+    outcome = cli("fuse", tmp_path / "maps", "-o", tmp_path / "out")
+    assert (outcome.code, len(outcome.error_lines)) == (1, 1)
+    assert "no map in it" in outcome.err
+
+
+def test_of_a_folder_with_one_map_a_copy_is_made_and_said(cli, two_maps, tmp_path):
+    (tmp_path / "one").mkdir()
+    for name in ("a.yaml", "a.pgm"):
+        shutil.copy(two_maps[0].parent / name, tmp_path / "one")
+    outcome = cli("fuse", tmp_path / "one", "-o", tmp_path / "out")
+    assert outcome.code == 0
+    assert "this is a copy" in outcome.out
+    np.testing.assert_array_equal(read_map(tmp_path / "out/global_0.npz").log_odds, read_map(two_maps[0]).log_odds)
+
+
+def test_two_maps_of_one_name_are_two_maps(cli, tmp_path):
+    for name, width in (("car_a", 40), ("car_b", 50)):
+        (tmp_path / "cars" / name).mkdir(parents=True)
+        free_space = OccupancyGrid(np.full((40, width), -3.0, np.float32), 0.05, np.zeros(3))
+        write_map(tmp_path / "cars" / name / "map", free_space)
+        (tmp_path / "cars" / name / "report.json").write_text("{}")
+    outcome = cli("fuse", tmp_path / "cars", "-o", tmp_path / "out", "--json")
+    assert outcome.code == 3, "free space without a wall is not aligned"
+    assert {entry["file"] for entry in json.loads(outcome.out)["maps"]} == {
+        str(tmp_path / "cars" / name / "map.npz") for name in ("car_a", "car_b")
+    }
+
+
+def test_results_do_not_go_into_the_folder_that_is_read(cli, folder_of_maps):
+    outcome = cli("fuse", folder_of_maps, "-o", folder_of_maps)
+    assert outcome.code == 1
+    assert "would be replaced" in outcome.err
+
+
+@pytest.mark.parametrize("jobs", ["-1", "many", "1.5"])
+def test_an_odd_number_of_jobs_is_a_usage_error(cli, two_maps, jobs):
+    assert cli("fuse", *two_maps, "--jobs", jobs).code == 2

@@ -19,7 +19,12 @@ def data_set(
     ],
     output: Annotated[Path, typer.Option("--output", "-o", metavar="DIR", help="New folder for maps and set.json.")],
     kind: Annotated[
-        str, typer.Option(metavar="KIND", help="heterogeneous: one environment, several resolutions and scan rates.")
+        str,
+        typer.Option(
+            metavar="KIND",
+            help="heterogeneous: one environment, several resolutions and scan rates; growing: two robots' maps, step"
+            " by step (of two LOGs: of two buildings).",
+        ),
     ] = "heterogeneous",
     trajectory: Annotated[
         list[Path] | None,

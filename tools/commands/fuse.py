@@ -13,6 +13,7 @@ from tools.commands.options import (
     Confidence,
     Descriptor,
     Detector,
+    Jobs,
     Json,
     Method,
     MethodName,
@@ -25,17 +26,34 @@ from tools.commands.options import (
     print_json,
     thesis_settings,
 )
+from tools.errors import UsageError
 from tools.exit_codes import ExitCode
 
 
 def fuse(
     maps: Annotated[
         list[Path],
-        typer.Argument(metavar="MAP...", help="Maps: .yaml or .npz, any resolutions; of one alone a copy is made."),
+        typer.Argument(
+            metavar="MAP|FOLDER...",
+            help="Maps: .yaml or .npz, any resolutions; of one alone a copy is made. A FOLDER stands for the maps in"
+            " it: .yaml files that name an image, .npz files (of the two of one name the .npz), and subfolders that"
+            " `run` or `replay` left, one map each.",
+        ),
     ],
     output: OutputFolder = None,
+    watch: Annotated[
+        bool,
+        typer.Option(
+            "--watch",
+            help="Until Ctrl-C: each FOLDER is that of a robot that still maps, or holds one for each robot, and may"
+            " appear later. Its newest map counts.",
+        ),
+    ] = False,
+    every: Annotated[
+        float, typer.Option(metavar="S", min=0.05, max=3600.0, help="With --watch: how often to look.")
+    ] = 1.0,
     seed: Seed = 0,
-    jobs: Annotated[int, typer.Option(min=1, help="Processes at a time.")] = 1,
+    jobs: Jobs = 1,
     as_json: Json = False,
     method: Method = MethodName.default,
     detector: Detector = None,
@@ -55,9 +73,17 @@ def fuse(
     with the most known area. Interrupted, the same command with the same -o goes on: finished pairs are kept there in
     pairs.jsonl. --method thesis merges in levels (figure 5.6). Exit code 3: more than one group, as far as can be told,
     or a map was skipped, since it cannot be read or has no known cell.
+
+    With --watch two robots' maps are merged once they were registered at one place in three versions in a row, each
+    sure by itself and with more wall that agrees; a merge that a later version contradicts is withdrawn. The results
+    are written anew at each change.
+    A map that vanishes or turns unreadable is named and its last good version kept; what a robot mapped before it
+    started again is kept as a map of its own.
     """
     from tools.group_fusion import fuse_maps
+    from tools.map_watch import watch_maps
     from tools.pair_registration import Registration
+    from tools.signals import stop_on_signals
 
     settings = thesis_settings(
         method,
@@ -71,13 +97,22 @@ def fuse(
         confidence=confidence,
         common_cell=common_cell,
     )
-    folder, report = fuse_maps(maps, output, Registration(method.value, settings, seed), jobs)
+    registration = Registration(method.value, settings, seed)
+    if watch:
+        if method is not MethodName.default:
+            raise UsageError("--watch: goes with the default method only: --method thesis is for finished maps")
+        with stop_on_signals() as stop:
+            folder, report = watch_maps(maps, output, registration, jobs, every_s=every, stop=stop)
+    else:
+        folder, report = fuse_maps(maps, output, registration, jobs)
     if as_json:
         print_json(report)
     else:
         for line in (*_pair_lines(report), *_map_lines(report)):
             typer.echo(line)
         count = len(report["groups"])
+        if len(report["maps"]) == 1:
+            typer.echo("one map: nothing to fuse it with, so this is a copy")
         typer.echo(f"{folder}: report.json and {count or 'no'} global map{'' if count == 1 else 's'}")
     groups = {entry["group"] for entry in report["maps"]}
     raise typer.Exit(ExitCode.OK if groups == {0} else ExitCode.PARTIAL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
@@ -71,6 +72,22 @@ MapFile = Annotated[
         metavar="MAP",
         help="Find the car on this saved or fused map (.yaml, .npz), with no hint where it is, and follow it there.",
     ),
+]
+
+
+def jobs_of(text: str) -> int:
+    """Return how many processes a --jobs asks for: all and 0 mean one for each core that may be used."""
+    try:
+        number = 0 if text == "all" else int(text)
+    except ValueError:
+        number = -1
+    if number < 0:
+        raise typer.BadParameter(f"{text}: expected a number of processes, or all")
+    return number or len(os.sched_getaffinity(0))
+
+
+Jobs = Annotated[
+    int, typer.Option("--jobs", metavar="N|all", parser=jobs_of, help="Processes at a time; all (or 0): every core.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout and nothing else there.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Of the random samples; same seed, same result.")]

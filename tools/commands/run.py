@@ -55,6 +55,16 @@ def run(
     resolution: ResolutionM = None,
     cells_per_meter: CellsPerMeter = None,
     record: Annotated[bool, typer.Option("--record/--no-record", help="Record every byte of the sensor.")] = True,
+    share_every: Annotated[
+        float | None,
+        typer.Option(
+            "--share-every",
+            metavar="S",
+            min=0.2,
+            max=3600.0,
+            help="Write map.npz so often while mapping, for `fuse --watch`.  [default: at the end only]",
+        ),
+    ] = None,
     map_file: MapFile = None,
     goal: Annotated[
         list[str] | None,
@@ -98,6 +108,7 @@ def run(
     from tools.clock import RunClock
     from tools.lidar_session import SensorPorts, run_session, session_is_whole
     from tools.live_journey import journey, without_wheels
+    from tools.map_sharing import SharedMap
     from tools.result_folder import MAPPED, check_result_folder, new_results
     from tools.results import is_placed
     from tools.service_notice import service_notices
@@ -113,7 +124,9 @@ def run(
     if map_file is not None:
         read_map(map_file)  # before the lidar starts: a bad file must not cost a drive
     clock = RunClock()
+    shared = [] if share_every is None else [SharedMap(share_every)]
     with stop_on_signals() as stop, journey(wanted, config, clock) as way:
+        status = None if way.drive is None else way.drive.status
         report, fault = run_session(
             SensorPorts(lidar, depth),
             config,
@@ -121,7 +134,7 @@ def run(
             stop,
             record=record,
             resume=earlier,
-            parts=[*way.parts, *service_notices(os.environ, None if way.drive is None else way.drive.status)],
+            parts=[*way.parts, *shared, *service_notices(os.environ, status)],
             clock=clock,
         )
     if as_json:
