@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -86,6 +87,20 @@ def register_by_features(
     return register(a, b, settings, seed, ("first", "second"))
 
 
+def register_with_seeds(
+    a: OccupancyGrid, b: OccupancyGrid, settings: Algorithm3Settings, seeds: Sequence[int]
+) -> list[Alignment]:
+    """Return what `register_by_features` finds with each seed: they differ in MSAC alone, so matches are made once.
+
+    Not for an alpha that is to be chosen: raises FusionError.
+    """
+    if settings.alpha is None:
+        raise FusionError("alpha None: runs that differ in the seed need one alpha, from 0.01 to 0.99, or 0")
+    if precedes(b, a):
+        return [each.inverse() for each in _register_each(b, a, settings, seeds, ("second", "first"))]
+    return _register_each(a, b, settings, seeds, ("first", "second"))
+
+
 def match_maps(fixed: OccupancyGrid, moving: OccupancyGrid, settings: Algorithm3Settings) -> Matches:
     """Run stages 1 to 3 at the settings' alpha, which must be a number: layers, features, putative matches."""
     assert settings.alpha is not None
@@ -162,12 +177,29 @@ def _register_at_best_alpha(
 def _register(
     fixed: OccupancyGrid, moving: OccupancyGrid, settings: Algorithm3Settings, seed: int, names: tuple[str, str]
 ) -> Alignment:
-    """Run the stages at one alpha; names say which argument each map was."""
+    return _register_each(fixed, moving, settings, (seed,), names)[0]
+
+
+def _register_each(
+    fixed: OccupancyGrid,
+    moving: OccupancyGrid,
+    settings: Algorithm3Settings,
+    seeds: Sequence[int],
+    names: tuple[str, str],
+) -> list[Alignment]:
+    """Run the stages at one alpha, MSAC and what follows with each seed; names say which argument each map was."""
     assert settings.alpha is not None
     for grid, name in ((fixed, names[0]), (moving, names[1])):
         if not free_layer(grid, settings.alpha).any() or not grid.known.any():
-            return Alignment(None, False, _nothing_free(grid, name, settings.alpha))
+            return [Alignment(None, False, _nothing_free(grid, name, settings.alpha))] * len(seeds)
     matches = match_maps(fixed, moving, settings)
+    return [_register_matches(fixed, moving, matches, settings, seed) for seed in seeds]
+
+
+def _register_matches(
+    fixed: OccupancyGrid, moving: OccupancyGrid, matches: Matches, settings: Algorithm3Settings, seed: int
+) -> Alignment:
+    """Return the first motion that is accepted, else the one that most matches agree on."""
     motions = propose_motions(matches, tolerance_m(fixed, moving, settings), settings, seed)
     if not motions:
         counts = f"{matches.keypoints[0]} and {matches.keypoints[1]} keypoints, {len(matches.fixed)} matches"

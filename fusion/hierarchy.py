@@ -27,8 +27,9 @@ Pair = tuple[str, str]
 class LevelMap:
     """A map of some level: the original maps in it at their poses, in the frame of the one with the most known area.
 
-    grid: their fusion, an original one as it is. parts: the two maps of lower levels that it was made of, and cells,
-    the evidence of all; none for an original one.
+    grid: their fusion, an original one as it is. parts: the two maps of lower levels that it was made of, merged_by the
+    registration that found their relative pose, and cells, the evidence of all; none for an original one. level: in
+    which it came to be; 0 for an original one.
     """
 
     name: str
@@ -36,6 +37,8 @@ class LevelMap:
     grid: OccupancyGrid
     parts: tuple[LevelMap, LevelMap] | None = None
     cells: CertaintyGrid | None = None
+    level: int = 0
+    merged_by: Alignment | None = None
 
     def fused(self) -> CertaintyGrid:
         """Return the evidence of the original maps."""
@@ -67,11 +70,8 @@ def next_level(level: list[LevelMap], alignments: Mapping[Pair, Alignment]) -> l
     alignments: of pairs of names, the first of them earlier in the level.
     """
     by_name = {each.name: each for each in level}
-    merged = []
-    for a, b in best_pairs(alignments):
-        T_a_b = alignments[a, b].T_a_b
-        assert T_a_b is not None, "best_pairs names accepted ones only"
-        merged.append(_merged(by_name.pop(a), by_name.pop(b), T_a_b))
+    number = 1 + max(each.level for each in level)  # each level before this one merged something
+    merged = [_merged(by_name.pop(a), by_name.pop(b), alignments[a, b], number) for a, b in best_pairs(alignments)]
     return sorted([*by_name.values(), *merged], key=lambda each: (*reference_rank(each.grid), each.name))
 
 
@@ -83,8 +83,10 @@ def tree_lines(top: LevelMap, titles: Mapping[str, str], indent: str = "") -> li
     return lines
 
 
-def _merged(a: LevelMap, b: LevelMap, T_a_b: FloatArray) -> LevelMap:
+def _merged(a: LevelMap, b: LevelMap, alignment: Alignment, level: int) -> LevelMap:
     """Return two maps as one, in the frame of the original map with the most known area."""
+    T_a_b = alignment.T_a_b
+    assert T_a_b is not None, "best_pairs names accepted ones only"
     in_a = {name: each.T_global_map for name, each in a.contributions.items()}
     in_a |= {name: se2.compose(T_a_b, each.T_global_map) for name, each in b.contributions.items()}
     grids = {name: each.grid for part in (a, b) for name, each in part.contributions.items()}
@@ -95,4 +97,4 @@ def _merged(a: LevelMap, b: LevelMap, T_a_b: FloatArray) -> LevelMap:
         for name in names
     }
     cells = fuse(contributions)
-    return LevelMap("+".join(names), contributions, cells.grid(), (a, b), cells)
+    return LevelMap("+".join(names), contributions, cells.grid(), (a, b), cells, level, alignment)

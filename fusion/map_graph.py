@@ -97,6 +97,12 @@ def connect(
     return Structure(tuple(groups), tuple(sorted(withdrawn, key=lambda each: each.pair)))
 
 
+def carried_covariance(T_group_map: FloatArray, covariance: FloatArray, T_map_body: FloatArray) -> FloatArray:
+    """Return the covariance (3, 3) in the group's frame of a pose (3,) that is fixed in a map, from the map's own."""
+    jacobian = lever(T_group_map, T_map_body)
+    return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
 def _named(link: Link, names: Sequence[str]) -> Pair:
     return names[link.a], names[link.b]
 

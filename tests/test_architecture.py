@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -70,12 +71,14 @@ def imported_packages(source: str) -> Iterator[str]:
             yield node.module.partition(".")[0]
 
 
+@cache
+def imports_of(path: Path) -> frozenset[str]:
+    """Return what a file imports; each is parsed once for all tests."""
+    return frozenset(imported_packages(path.read_text(encoding="utf-8")))
+
+
 def importers_of(project_root: Path, package: str) -> set[str]:
-    return {
-        module
-        for module, path in module_paths(project_root, *PACKAGES).items()
-        if package in imported_packages(path.read_text(encoding="utf-8"))
-    }
+    return {module for module, path in module_paths(project_root, *PACKAGES).items() if package in imports_of(path)}
 
 
 def test_imports_are_found_wherever_they_stand() -> None:
@@ -101,7 +104,7 @@ def test_core_packages_ask_no_clock_and_no_chance(project_root: Path) -> None:
     offenders = {
         module: found
         for module, path in module_paths(project_root, "mapping", "fusion", "planning").items()
-        if (found := CLOCKS_AND_CHANCE.intersection(imported_packages(path.read_text(encoding="utf-8"))))
+        if (found := CLOCKS_AND_CHANCE.intersection(imports_of(path)))
     }
     assert not offenders, "a replay must be a function of its file: take stamps and seeds as arguments"
 

@@ -14,11 +14,14 @@ from tools.recorded_pairs import Drive
 class DataSetPlan:
     """Options of all kinds; None is the kind's own default.
 
-    cells_per_meter: resolutions r. scan_every: rates T, every k-th scan. seed: of all random choices.
+    cells_per_meter: resolutions r. scan_every: rates T, every k-th scan. robots: into how many parts a drive is cut.
+    overlap: of two parts' free space, a band of log_windows. seed: of all random choices.
     """
 
     cells_per_meter: tuple[float, ...] | None = None
     scan_every: tuple[int, ...] | None = None
+    robots: int = 6
+    overlap: str = "low"
     seed: int = 0
 
 

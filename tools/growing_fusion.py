@@ -13,7 +13,7 @@ from fusion.identity import known_area_m2
 from fusion.map_graph import Structure
 from fusion.map_set import MapSet
 from fusion.readiness import GrowingPair, ReadinessRule, Version
-from tools.group_fusion import FusedGroups, global_maps
+from tools.fused_groups import FusedGroups, global_maps
 from tools.map_files import MapFiles
 from tools.pair_registration import Pair, PairRegistration
 from tools.results import Report

@@ -36,6 +36,7 @@ class PosedScans:
     """A drive of N scans: poses (N, 3) of the sensor in the log's frame, and each one's points (K, 2) in the sensor's.
 
     Points beyond reach_m count as free space up to there. duration_s: from the first scan to the last, None unknown.
+    stamps_ns (N,): rising strictly; None where the log's do not.
     """
 
     building: str
@@ -44,6 +45,7 @@ class PosedScans:
     reach_m: float
     duration_s: float | None = None
     simulated: bool = False
+    stamps_ns: NDArray[np.int64] | None = None
 
     @property
     def travelled_m(self) -> FloatArray:
@@ -88,7 +90,9 @@ def thinned(scans: PosedScans, step_m: float = 0.1, step_rad: float = math.radia
         moved = se2.between(scans.poses[kept[-1]], scans.poses[number])
         if math.hypot(moved[0], moved[1]) >= step_m or abs(moved[2]) >= step_rad:
             kept.append(number)
-    return replace(scans, poses=scans.poses[kept], points=tuple(scans.points[number] for number in kept))
+    stamps_ns = None if scans.stamps_ns is None else scans.stamps_ns[kept]
+    points = tuple(scans.points[number] for number in kept)
+    return replace(scans, poses=scans.poses[kept], points=points, stamps_ns=stamps_ns)
 
 
 def draw_windows(

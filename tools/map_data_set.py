@@ -33,6 +33,7 @@ class DataSetMap:
     rate_hz: T, scans a second that it was drawn from, None unknown; scan_every: every so many scans of the drive, None
     unknown. robot: which robot, or part of the drive. step: time index of a growing map. pose: true pose (3,) in m and
     rad of the map's frame in the set's frame, None unknown. trajectory: TUM file of the robot in the map's frame.
+    warp_m: rms distance by which the map itself, being bent, is off at its true pose.
     """
 
     name: str
@@ -44,6 +45,7 @@ class DataSetMap:
     step: int | None = None
     pose: FloatArray | None = None
     trajectory: Path | None = None
+    warp_m: float = 0.0
 
     @property
     def cells_per_meter(self) -> float:
@@ -187,6 +189,7 @@ def _map_of(entry: dict[str, Any], folder: Path) -> DataSetMap:
         step=None if step is None else int(step),
         pose=_pose(entry["pose"]),
         trajectory=None if trajectory is None else folder / trajectory,
+        warp_m=_number(entry.get("warp_m")) or 0.0,
     )
 
 
@@ -201,6 +204,7 @@ def _entry_of(each: DataSetMap, folder: Path) -> dict[str, Any]:
         "step": each.step,
         "pose": None if each.pose is None else each.pose.tolist(),
         "trajectory": None if each.trajectory is None else _relative(each.trajectory, folder),
+        "warp_m": each.warp_m,
     }
 
 

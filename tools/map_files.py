@@ -11,6 +11,7 @@ from fusion.identity import content_corner, content_hash, same_evidence
 from mapping import se2
 from mapping.errors import MapFileError
 from mapping.grid import OccupancyGrid
+from tools.map_names import short_names
 from tools.map_reading import read_saved
 from tools.pair_cache import exact_hash
 from tools.results import FloatArray
@@ -42,6 +43,11 @@ class MapFiles:
     def titles(self) -> dict[str, str]:
         """Return the title of each map."""
         return {name: self.title(name) for name in self.maps}
+
+    def short_titles(self) -> dict[str, str]:
+        """Return a short name of each map, none twice."""
+        names = short_names(self.files)
+        return {name: names[self.first_of(name)] for name in self.maps}
 
     def pose_in_group(self, number: int, T_group_map: FloatArray) -> FloatArray:
         """Return the pose (3,) of a file's frame, of that of its map: files of one map may have other frames."""

@@ -1,4 +1,4 @@
-"""The map of a run that goes on, written now and then for others: `fuse --watch` merges it with other robots' maps.
+"""Map and trajectory of a run that goes on, written now and then for others: `fuse --watch` merges robots' maps.
 
 Written by another thread, whole or not at all; mapping does not wait, and goes on where the disk is full.
 """
@@ -13,18 +13,19 @@ from typing import Any
 from typing_extensions import override
 
 from drivers.messages import Recordable
-from mapping.errors import MapFileError
+from mapping.errors import MapFileError, TrajectoryError
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_lossless
 from mapping.slam import MappedScan
+from mapping.trajectory import Trajectory, write_tum
 from tools.session_parts import LiveSession, SessionPart
 
 log = logging.getLogger(__name__)
-SHARED_NAME = "map.npz"  # as the run leaves it in the end
+SHARED_NAME, TRACK_NAME = "map.npz", "trajectory.tum"  # as the run leaves them in the end
 
 
 class SharedMap(SessionPart):
-    """Writes map.npz into the run's folder every so many seconds of the drive."""
+    """Writes trajectory.tum and map.npz into the run's folder every so many seconds of the drive."""
 
     tells = False
     needs_map = True
@@ -41,6 +42,7 @@ class SharedMap(SessionPart):
     def begin(self, session: LiveSession) -> None:
         """The sensors are started."""
         assert session.grid_now is not None
+        assert session.trajectory_now is not None
         assert session.folder is not None
         self._session = session
 
@@ -57,10 +59,14 @@ class SharedMap(SessionPart):
         session = self._session
         assert session is not None
         assert session.grid_now is not None
+        assert session.trajectory_now is not None
         assert session.folder is not None
         self._written_ns = mapped.stamp_ns
         self._writer = threading.Thread(
-            target=self._write, args=(session.folder / SHARED_NAME, session.grid_now()), name="shared map", daemon=True
+            target=self._write,
+            args=(session.folder, session.grid_now(), session.trajectory_now()),
+            name="shared map",
+            daemon=True,
         )
         self._writer.start()
 
@@ -74,10 +80,13 @@ class SharedMap(SessionPart):
         """Nothing more is kept."""
         return {}
 
-    def _write(self, path: Path, grid: OccupancyGrid) -> None:
+    def _write(self, folder: Path, grid: OccupancyGrid, trajectory: Trajectory) -> None:
         try:
-            write_lossless(path, grid, provenance={"source": "a run that goes on"})
-        except MapFileError as error:
+            partial = folder / f"{TRACK_NAME}.part"
+            write_tum(partial, trajectory)
+            partial.replace(folder / TRACK_NAME)
+            write_lossless(folder / SHARED_NAME, grid, provenance={"source": "a run that goes on"})
+        except (MapFileError, TrajectoryError, OSError) as error:
             if not self._told:
-                log.warning("%s", error)
+                log.warning("%s: the map is not shared: %s", folder, getattr(error, "strerror", None) or error)
             self._told = True

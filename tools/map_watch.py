@@ -10,7 +10,9 @@ from pathlib import Path
 
 from mapping.map_io import write_lossless
 from tools.errors import ToolError
-from tools.group_fusion import CACHE_NAME, fusion_report, remove_global_maps, save_fusion
+from tools.fusion_files import remove_outdated, save_fusion
+from tools.fusion_report import find_robots, fusion_report
+from tools.group_fusion import CACHE_NAME
 from tools.growing_fusion import GrowingFusion, groups_in_words
 from tools.growing_history import read_history, write_history
 from tools.map_files import read_maps
@@ -135,10 +137,11 @@ def _write_anew(fusion: GrowingFusion, folder: Path, registration: Registration,
     before = {pair for pair, each in fusion.pairs.items() if each.merged is not None}
     fusion.settle()
     loaded, fused = fusion.fused()
-    report = fusion_report(loaded, fused, registration, fusion.registration)
+    robots = find_robots(loaded, fused)
+    report = fusion_report(loaded, fused, robots, registration, fusion.registration)
     report["seconds"] = round(time.perf_counter() - started, 3)
-    save_fusion(folder, fused.groups, report)
-    remove_global_maps(folder, len(fused.groups))
+    save_fusion(folder, loaded, fused, robots, report)
+    remove_outdated(folder, fused, robots)
     write_history(folder, fusion.pairs)
     after = {pair for pair, each in fusion.pairs.items() if each.merged is not None}
     words = [*changed, *_pairs_in_words(fusion, before, after)]

@@ -30,7 +30,7 @@ _INK_BGR = (40, 40, 40)
 def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image:
     """Return a BGR picture (H, W, 3): walls dark, free white, y up, the path red with a green dot at its start."""
     path = np.zeros((0, 2)) if trajectory is None else trajectory.poses[:, :2]
-    image, pixels, scale = _drawn(grid, path, darkest=0)
+    image, pixels, scale = drawn_cells(grid, path, darkest=0)
     if len(pixels):
         shifted = np.round(pixels * 16).astype(np.int32)  # 4 fractional bits
         cv2.polylines(image, [shifted], False, _PATH_BGR, min(scale, 2), cv2.LINE_AA, 4)
@@ -41,7 +41,7 @@ def draw_map(grid: OccupancyGrid, trajectory: Trajectory | None = None) -> Image
 
 def draw_pose_graph(grid: OccupancyGrid, graph: PoseGraph) -> Image:
     """Return the map, pale, with the keyframes (dots), the front end's steps (blue) and loop closures (orange)."""
-    image, pixels, scale = _drawn(grid, graph.poses[:, :2], darkest=_PALE_WALL_GRAY)
+    image, pixels, scale = drawn_cells(grid, graph.poses[:, :2], darkest=_PALE_WALL_GRAY)
     shifted = np.round(pixels * 16).astype(np.int32)
     for edges, color, width in ((graph.closures, _CLOSURE_BGR, 1), (graph.steps, _STEP_BGR, 1)):
         for first, second in edges.tolist():
@@ -60,8 +60,11 @@ def cell_shades(log_odds: LogOdds, darkest: int = 0) -> Image:
     return np.asarray(np.round(shades), dtype=np.uint8)
 
 
-def _drawn(grid: OccupancyGrid, points: FloatArray, darkest: int) -> tuple[Image, FloatArray, int]:
-    """Return the map with room for points (N, 2) of its frame, enlarged, their pixels (N, 2), and pixels a cell."""
+def drawn_cells(grid: OccupancyGrid, points: FloatArray, darkest: int) -> tuple[Image, FloatArray, int]:
+    """Return the map with room for points (N, 2) of its frame, enlarged, their pixels (N, 2), and pixels a cell.
+
+    darkest: the gray of a sure wall.
+    """
     rows, cols = grid.log_odds.shape
     cells = grid.cell_coordinates(points)
     reach = np.vstack([cells, [[0.0, 0.0], [cols, rows]]])

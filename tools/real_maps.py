@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,7 +52,12 @@ def read_corrected_log(path: Path, reach_m: float) -> PosedScans:
         raise ToolError(f"{path}: not a corrected CARMEN log: {fault_in(error)}") from error
     if not poses:
         raise ToolError(f"{path}: no FLASER line in it: give a CARMEN log with corrected poses")
-    return PosedScans(building, np.array(poses), tuple(points), reach_m, _duration_s(stamps_s))
+    stamps_ns = np.round(np.array(stamps_s) * 1e9).astype(np.int64)
+    rising = bool((np.diff(stamps_ns) > 0).all())
+    duration_s = _duration_s(stamps_s)
+    return PosedScans(
+        building, np.array(poses), tuple(points), reach_m, duration_s, stamps_ns=stamps_ns if rising else None
+    )
 
 
 def _duration_s(stamps_s: list[float]) -> float | None:
@@ -82,12 +88,32 @@ class Correspondence:
 
 
 def halmstad_points(folder: Path, a: str, b: str) -> Correspondence:
-    """Return the annotated points that two maps of the Halmstad set share; raises ToolError.
+    """Return the annotated points that two maps of the Halmstad set share; raises ToolError."""
+    resolution_m = HALMSTAD_M_PER_PX[a.split("_", maxsplit=1)[0]]
+    points_a, points_b, _ = _shared_points(folder, a, b)
+    return rigid_fit(points_a * resolution_m, points_b * resolution_m, _GATE_PX * resolution_m)
+
+
+def halmstad_plan(folder: Path, maps: Sequence[str]) -> tuple[float, list[Correspondence]]:
+    """Return metres a pixel of a building's layout, and where each of its maps fits into it; raises ToolError.
+
+    A layout's scale is no map's: it is the mean of the similarities that the set states of its maps, so that they are
+    of the right size on the whole. points_a are those of the layout, from its lower-left corner.
+    """
+    building = maps[0].split("_", maxsplit=1)[0]
+    resolution_m = HALMSTAD_M_PER_PX[building]
+    shared = [_shared_points(folder, name, f"{building}_layout") for name in maps]
+    plan_m = resolution_m / float(np.mean([scale for _, _, scale in shared]))
+    gate_m = _GATE_PX * resolution_m
+    return plan_m, [rigid_fit(on_plan * plan_m, in_map * resolution_m, gate_m) for in_map, on_plan, _ in shared]
+
+
+def _shared_points(folder: Path, a: str, b: str) -> tuple[FloatArray, FloatArray, float]:
+    """Return points (N, 2), (N, 2) in pixels, y up, that people marked in both images, and the scale from a to b.
 
     The set's own associations are pickled. Instead points are paired that a similarity, fitted to those associations
     and stored as text, brings within 60 px of each other, both being the other's nearest.
     """
-    resolution_m = HALMSTAD_M_PER_PX[a.split("_", maxsplit=1)[0]]
     try:
         lines = (folder / "gt_alignments_dev.csv").read_text(encoding="utf-8").splitlines()
         row = next(line.split(",") for line in lines if line.startswith(f"{a},{b},"))
@@ -99,10 +125,11 @@ def halmstad_points(folder: Path, a: str, b: str) -> Correspondence:
     apart = np.hypot(*(moved[:, np.newaxis] - points_b[np.newaxis]).transpose(2, 0, 1))
     nearest = apart.argmin(axis=1)
     mutual = (apart[:, nearest].argmin(axis=0) == np.arange(len(points_a))) & (apart.min(axis=1) < _GATE_PX)
-    in_a, in_b = points_a[mutual] * resolution_m, points_b[nearest[mutual]] * resolution_m
-    if len(in_a) < _LEAST_POINTS:
-        raise ToolError(f"{folder}: {a} and {b} share {len(in_a)} annotated points, {_LEAST_POINTS} are needed")
-    return rigid_fit(in_a, in_b, _GATE_PX * resolution_m)
+    if np.count_nonzero(mutual) < _LEAST_POINTS:
+        raise ToolError(
+            f"{folder}: {a} and {b} share {np.count_nonzero(mutual)} annotated points, {_LEAST_POINTS} are needed"
+        )
+    return points_a[mutual], points_b[nearest[mutual]], scale
 
 
 def rigid_fit(points_a: FloatArray, points_b: FloatArray, gate_m: float) -> Correspondence:

@@ -40,6 +40,11 @@ class Drive:
     trajectory: Path | None = None
     building: str | None = None
 
+    @property
+    def truth_in_words(self) -> str:
+        """Whose poses are taken for the truth."""
+        return "the log's own poses" if self.trajectory is None else f"the poses of {self.trajectory.name}"
+
 
 def read_drive(drive: Drive, *, thin: bool = True) -> PosedScans:
     """Read scans and poses; raises ToolError and the reader's own errors where either is missing.
@@ -60,7 +65,7 @@ def read_drive(drive: Drive, *, thin: bool = True) -> PosedScans:
     source = drive.source.with_suffix("") if packed else drive.source
     duration_s = float(np.ptp(log.stamps_ns)) * 1e-9
     poses = se2.compose(log.poses, at_sensor)
-    scans = PosedScans(source.stem, poses, points, config.grid.max_range_m, duration_s, simulated)
+    scans = PosedScans(source.stem, poses, points, config.grid.max_range_m, duration_s, simulated, log.stamps_ns)
     return thinned(scans) if thin else scans
 
 

@@ -18,7 +18,7 @@ RECORDING, REPORT = "recording.mcap", "report.json"
 MAPPED = re.compile(
     r"(map|depth_map|both_map)\.(yaml|pgm|npz|png)|pose_graph\.png|trajectory(_in_map)?\.tum|slam_state\.npz"
 )
-FUSED = re.compile(r"global_\d+\.(yaml|pgm|npz|png)")
+FUSED = re.compile(r"global_\d+\.(yaml|pgm|npz|png)|global_\d+_[\w.-]+\.tum|tree\.png")
 RATES = re.compile(r"(maps|tau)\.png")
 FEATURES = re.compile(r"inliers\.png")
 REGISTRATION = re.compile(r"rows\.jsonl|(success|reliability|scores)\.png")

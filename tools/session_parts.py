@@ -16,6 +16,7 @@ from drivers.messages import Recordable
 from mapping.grid import OccupancyGrid
 from mapping.mount import Mount
 from mapping.slam import MappedScan
+from mapping.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class LiveSession:
 
     clock: returns stamps in ns. mount: where the scans are taken from, on the car. put: records a message. stop: ends
     the session. grid_now: returns the map with all scans so far, in the thread that maps; only where a part needs it
-    (SessionPart.needs_map). folder: where the results go.
+    (SessionPart.needs_map). folder: where the results go. trajectory_now: the poses so far, likewise.
     """
 
     clock: Callable[[], int]
@@ -33,6 +34,7 @@ class LiveSession:
     stop: threading.Event
     grid_now: Callable[[], OccupancyGrid] | None = None
     folder: Path | None = None
+    trajectory_now: Callable[[], Trajectory] | None = None
 
 
 class SessionPart(Protocol):

@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fusion.algorithm3 import ALPHAS, THESIS, TOLERANT, FloatArray, match_maps, register_by_features
+from fusion.algorithm3 import (
+    ALPHAS,
+    THESIS,
+    TOLERANT,
+    FloatArray,
+    match_maps,
+    register_by_features,
+    register_with_seeds,
+)
 from fusion.alignment import Alignment
 from fusion.errors import FusionError
 from fusion.evaluation import alignment_error
@@ -55,6 +63,26 @@ def test_same_seed_same_answer(view):
         pose_of(register_by_features(a, b, TOLERANT, 5)).tolist()
         == pose_of(register_by_features(a, b, TOLERANT, 5)).tolist()
     )
+
+
+def test_runs_with_many_seeds_are_what_each_seed_gives(view):
+    a, b = view(12.0, 30.0, FRAMES[1], 2), view(0.0, 20.0, np.zeros(3), 1)
+    few = replace(TOLERANT, trials=2, hypotheses=1, features=FeatureMethod("akaze"))  # so few that the seed tells
+    seeds = (3, 8)
+    found = register_with_seeds(a, b, few, seeds)
+    for seed, each in zip(seeds, found, strict=True):
+        alone = register_by_features(a, b, few, seed)
+        assert pose_of(each).tolist() == pose_of(alone).tolist()
+        assert (each.accepted, each.reason, each.inliers) == (alone.accepted, alone.reason, alone.inliers)
+    assert pose_of(found[0]).tolist() != pose_of(found[1]).tolist()
+    for back, each in zip(register_with_seeds(b, a, few, seeds), found, strict=True):
+        np.testing.assert_allclose(pose_of(back.inverse()), pose_of(each), atol=1e-9)
+
+
+def test_runs_with_many_seeds_need_one_alpha(view):
+    a = view(0.0, 20.0, np.zeros(3), 1)
+    with pytest.raises(FusionError, match="alpha"):
+        register_with_seeds(a, a, replace(THESIS, alpha=None), (0, 1))
 
 
 @pytest.mark.parametrize("settings", [THESIS, TOLERANT])

@@ -58,6 +58,14 @@ def test_four_maps_are_one_after_two_levels(maps, frames):
         np.testing.assert_allclose(part.T_global_map, true_pose, atol=1e-9)
 
 
+def test_a_map_knows_in_which_level_and_by_what_it_was_merged(maps, frames):
+    top, _ = to_the_top(maps, frames)
+    assert top.level == 2
+    assert [part.level for part in top.parts] == [1, 1]
+    assert top.merged_by.inliers == 4  # b and c share 13 to 17
+    assert all(part.level == 0 and part.merged_by is None for pair in top.parts for part in pair.parts)
+
+
 def test_no_cell_is_looked_up_twice(maps, frames):
     top, _ = to_the_top(maps, frames)
     at_once = fuse(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fusion.alignment import inverse_jacobian
-from fusion.map_graph import MapEdge, Structure, connect
+from fusion.map_graph import MapEdge, Structure, carried_covariance, connect
 from mapping import se2
 
 FLOOR = np.array([0.01, 0.01, 0.002]) ** 2  # of the rule
@@ -151,3 +151,14 @@ def test_another_map_changes_no_other_group():
     other = next(group for group in after.groups if "m4" in group.maps)
     for name, placed in one.maps.items():
         np.testing.assert_array_equal(other.maps[name].T_group_map, placed.T_group_map)
+
+
+def test_the_covariance_of_a_map_is_carried_to_a_robot_in_it():
+    T_group_map, T_map_robot = np.array([3.0, -2.0, 0.7]), np.array([12.0, 5.0, -1.1])
+    deviations = np.array([0.03, 0.05, 0.01])
+    off = np.random.default_rng(0).normal(size=(200_000, 3)) * deviations
+    robots = se2.compose(T_group_map + off, np.broadcast_to(T_map_robot, off.shape))
+    expected = np.cov((robots - se2.compose(T_group_map, T_map_robot)).T)
+    found = carried_covariance(T_group_map, np.diag(deviations**2), T_map_robot)
+    np.testing.assert_allclose(found, expected, rtol=0.02, atol=2e-5)
+    assert found[0, 0] > deviations[0] ** 2  # the angle moves what is far from the map's origin

@@ -20,10 +20,13 @@ from mapping import se2
 from mapping.grid import OccupancyGrid
 from mapping.map_io import write_map
 from mapping.raycast import cast_rays
+from mapping.trajectory import Trajectory, write_tum
 from tools.cli import main
 from tools.drive_bench import WORLD, Bench, Mapped
+from tools.fused_set import fuse_set
+from tools.group_fusion import CACHE_NAME
 from tools.log_windows import PosedScans
-from tools.map_data_set import DataSetMap, MapDataSet, write_data_set
+from tools.map_data_set import DataSetMap, FloorPlan, MapDataSet, write_data_set
 from tools.simulated_drive import record_round_trip
 from tools.world import load_world
 
@@ -209,6 +212,54 @@ def rooms_part() -> RoomsPart:
         return OccupancyGrid(cells[:, first:last].astype(np.float32), 0.05, origin)
 
     return cut
+
+
+ROOMS_FRAMES = {"west": np.zeros(3), "mid": np.array([4.0, -7.0, 1.1]), "east": np.array([-3.0, 2.0, -2.4])}
+
+
+@pytest.fixture(scope="session")
+def rooms_set(tmp_path_factory: pytest.TempPathFactory, rooms_part: RoomsPart) -> MapDataSet:
+    """Simulated maps of three robots in the rooms, of a window each, with their drives, and the rooms' floor plan."""
+    folder, maps = tmp_path_factory.mktemp("rooms"), []
+    (folder / "maps").mkdir()
+    windows = {"west": (0, 200), "mid": (50, 290), "east": (110, 320)}
+    for seed, (name, frame) in enumerate(ROOMS_FRAMES.items()):
+        first, last = windows[name]
+        files = write_map(folder / "maps" / name, rooms_part(seed, first, last, frame))
+        way = np.column_stack([np.linspace(first + 20, last - 20, 30) * 0.05, np.full(30, 5.6), np.zeros(30)])
+        track = files.lossless.with_suffix(".tum")
+        write_tum(track, Trajectory(np.arange(30) * 10**9, se2.compose(frame, way)))
+        maps.append(DataSetMap(name, files.lossless, 0.05, robot=name, pose=se2.inverse(frame), trajectory=track))
+    walls = np.flipud(rooms_part(9).log_odds > 0.0)
+    cv2.imwrite(str(folder / "plan.png"), np.where(walls, 0, 255).astype(np.uint8))
+    plan = FloorPlan(folder / "plan.png", 0.05, np.zeros(3))
+    data = MapDataSet(folder, "rooms", "Simulated data: drawn rooms.", True, tuple(maps), "robots", plan)
+    write_data_set(data)
+    return data
+
+
+@pytest.fixture(scope="session")
+def rooms_pairs(rooms_set: MapDataSet, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The finished registrations of these maps by the default method, to be copied to where `fuse` would keep them."""
+    folder = tmp_path_factory.mktemp("rooms_fused")
+    fuse_set(rooms_set, "default", 0, 1, folder)
+    return folder / CACHE_NAME
+
+
+@pytest.fixture(scope="session")
+def rooms_parts(tmp_path_factory: pytest.TempPathFactory, rooms_part: RoomsPart) -> MapDataSet:
+    """Simulated maps of two parts of the rooms that overlap, each at 20 and 10 cells/m."""
+    folder, maps = tmp_path_factory.mktemp("parts"), []
+    for robot, seed, window, frame in (("a", 1, (0, 220), se2.IDENTITY), ("b", 2, (90, 320), ROOMS_POSE)):
+        fine = rooms_part(seed, *window, frame)
+        for r, every in ((10.0, 2), (20.0, 1)):
+            files = write_map(
+                folder / f"{robot}-r{r:g}", OccupancyGrid(fine.log_odds[::every, ::every], 1.0 / r, fine.origin)
+            )
+            maps.append(DataSetMap(files.lossless.stem, files.lossless, 1.0 / r, robot=robot, pose=se2.inverse(frame)))
+    data = MapDataSet(folder, "parts", "Simulated data: drawn rooms.", True, tuple(maps), "parts")
+    write_data_set(data)
+    return data
 
 
 @pytest.fixture

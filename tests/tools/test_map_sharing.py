@@ -12,6 +12,7 @@ from mapping.map_io import read_map
 from mapping.mount import Mount
 from mapping.odometry import ScanMatch
 from mapping.slam import MappedScan
+from mapping.trajectory import Trajectory, read_tum
 from tools.clock import RunClock
 from tools.map_sharing import SharedMap
 from tools.session_parts import LiveSession
@@ -27,7 +28,12 @@ class Drive:
 
     def __init__(self, folder):
         self.drawn = 0
-        self.session = LiveSession(RunClock(), Mount(), lambda _: None, threading.Event(), self.grid, folder)
+        self.session = LiveSession(
+            RunClock(), Mount(), lambda _: None, threading.Event(), self.grid, folder, self.trajectory
+        )
+
+    def trajectory(self):
+        return Trajectory(np.arange(self.drawn, dtype=np.int64), np.zeros((self.drawn, 3)))
 
     def grid(self):
         self.drawn += 1
@@ -55,7 +61,8 @@ def test_the_map_is_written_every_so_often_and_whole(drive, tmp_path):
             widths.append(read_map(tmp_path / "map.npz").log_odds.shape[1])
     assert drive.drawn == 4
     assert sorted(set(widths)) == [1, 2, 3, 4]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["map.npz"]
+    assert len(read_tum(tmp_path / "trajectory.tum")) == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["map.npz", "trajectory.tum"]
     assert part.save(tmp_path) == {}
 
 
@@ -83,4 +90,4 @@ def test_a_folder_that_is_gone_is_told_once_and_mapping_goes_on(tmp_path, caplog
         part.add(mapped(float(second)))
         wait_for(part)
     assert drive.drawn == 4
-    assert caplog.text.count("cannot write the map") == 1
+    assert caplog.text.count("the map is not shared") == 1

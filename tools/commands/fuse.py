@@ -70,9 +70,11 @@ def fuse(
 
     Writes global_0.yaml/.pgm/.npz/.png, global_1 and so on, and report.json: groups, the pose of each map with its
     covariance, and each pair, also those withdrawn since they contradict others. A group's frame is that of its map
-    with the most known area. Interrupted, the same command with the same -o goes on: finished pairs are kept there in
-    pairs.jsonl. --method thesis merges in levels (figure 5.6). Exit code 3: more than one group, as far as can be told,
-    or a map was skipped, since it cannot be read or has no known cell.
+    with the most known area. Where a robot's trajectory lies beside its map (trajectory.tum of run and replay, or
+    NAME.tum), global_0_NAME.tum is where it drove in the global map, and the picture and the report show where it is.
+    Interrupted, the same command with the same -o goes on: finished pairs are kept there in pairs.jsonl. --method
+    thesis merges in levels, which tree.png shows (figure 5.6). Exit code 3: more than one group, as far as can be told,
+    or a map or a trajectory was skipped, since it cannot be read, or the map has no known cell.
 
     With --watch two robots' maps are merged once they were registered at one place in three versions in a row, each
     sure by itself and with more wall that agrees; a merge that a later version contradicts is withdrawn. The results
@@ -83,6 +85,7 @@ def fuse(
     from tools.group_fusion import fuse_maps
     from tools.map_watch import watch_maps
     from tools.pair_registration import Registration
+    from tools.robot_poses import robot_lines
     from tools.signals import stop_on_signals
 
     settings = thesis_settings(
@@ -108,13 +111,13 @@ def fuse(
     if as_json:
         print_json(report)
     else:
-        for line in (*_pair_lines(report), *_map_lines(report)):
+        for line in (*_pair_lines(report), *_map_lines(report), *robot_lines(report["robots"])):
             typer.echo(line)
         count = len(report["groups"])
         if len(report["maps"]) == 1:
             typer.echo("one map: nothing to fuse it with, so this is a copy")
         typer.echo(f"{folder}: report.json and {count or 'no'} global map{'' if count == 1 else 's'}")
-    groups = {entry["group"] for entry in report["maps"]}
+    groups = {entry["group"] for entry in (*report["maps"], *report["robots"])}
     raise typer.Exit(ExitCode.OK if groups == {0} else ExitCode.PARTIAL)
 
 
