@@ -65,18 +65,24 @@ def test_same_seed_same_answer(view):
     )
 
 
+def told(found):
+    """The pose in numbers; None where no motion fits."""
+    return None if found.T_a_b is None else tuple(found.T_a_b.tolist())
+
+
 def test_runs_with_many_seeds_are_what_each_seed_gives(view):
     a, b = view(12.0, 30.0, FRAMES[1], 2), view(0.0, 20.0, np.zeros(3), 1)
     few = replace(TOLERANT, trials=2, hypotheses=1, features=FeatureMethod("akaze"))  # so few that the seed tells
-    seeds = (3, 8)
+    seeds = range(8)
     found = register_with_seeds(a, b, few, seeds)
     for seed, each in zip(seeds, found, strict=True):
         alone = register_by_features(a, b, few, seed)
-        assert pose_of(each).tolist() == pose_of(alone).tolist()
+        assert told(each) == told(alone)
         assert (each.accepted, each.reason, each.inliers) == (alone.accepted, alone.reason, alone.inliers)
-    assert pose_of(found[0]).tolist() != pose_of(found[1]).tolist()
+    assert len({told(each) for each in found}) > 1, "the seeds were not told apart"
     for back, each in zip(register_with_seeds(b, a, few, seeds), found, strict=True):
-        np.testing.assert_allclose(pose_of(back.inverse()), pose_of(each), atol=1e-9)
+        if each.T_a_b is not None:
+            np.testing.assert_allclose(pose_of(back.inverse()), pose_of(each), atol=1e-9)
 
 
 def test_runs_with_many_seeds_need_one_alpha(view):
