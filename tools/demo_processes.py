@@ -25,7 +25,8 @@ class CommandProcess:
 
     def __init__(self, name: str, arguments: Sequence[str]) -> None:
         self.name = name
-        self._process = subprocess.Popen(own_command(arguments), stdout=subprocess.PIPE, text=True)  # noqa: S603
+        command = own_command(arguments)
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)  # noqa: S603 - our own program
         self._lines: queue.Queue[str] = queue.Queue()
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

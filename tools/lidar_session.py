@@ -87,8 +87,10 @@ def run_session(
         recorder = _start_recording(folder / RECORDING_NAME, config, clock, sensors) if record else None
         put: Put = _discard if recorder is None else recorder.put
         try:
-            track = lambda: flow.mapper.trajectory  # noqa: E731
-            with going_along(parts, LiveSession(clock, mount, put, stop, _grid_now(flow), folder, track)):
+            session = LiveSession(
+                clock, mount, put, stop, _grid_now(flow), folder, trajectory_now=lambda: flow.mapper.trajectory
+            )
+            with going_along(parts, session):
                 outcome = run_live(
                     sensors.lidar,
                     flow,

@@ -65,7 +65,7 @@ def in_time(stop: Stop, cause: LiveCause, timeout_s: float, model: RoverModel) -
 def _running(arguments: list[str], log: Path) -> Iterator[subprocess.Popen[bytes]]:
     """Start a command of this program, with its lines in a file; whatever happens, it is not left behind."""
     with log.open("wb") as lines:
-        process = subprocess.Popen(  # noqa: S603
+        process = subprocess.Popen(  # noqa: S603 - our own program
             own_command(arguments), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=lines
         )
     try:

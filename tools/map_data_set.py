@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +15,7 @@ from drivers.wording import fault_in
 from mapping.errors import MapFileError
 from mapping.map_io import read_map
 from tools.errors import ToolError
+from tools.json_values import number_or_none, relative_path
 from tools.map_folder import map_files
 from tools.results import writing_to
 
@@ -107,7 +106,7 @@ def read_data_set(folder: Path) -> MapDataSet:
         floor_plan = (
             None
             if plan is None
-            else FloorPlan(folder / plan["image"], _number(plan["resolution_m"]), _pose(plan["pose"]))
+            else FloorPlan(folder / plan["image"], number_or_none(plan["resolution_m"]), _pose(plan["pose"]))
         )
         text = {key: str(content[key]) for key in ("name", "source", "kind", "command")}
         simulated = content["simulated"]
@@ -135,7 +134,7 @@ def write_data_set(data: MapDataSet) -> None:
         "floor_plan": None
         if plan is None
         else {
-            "image": _relative(plan.image, data.folder),
+            "image": relative_path(plan.image, data.folder),
             "resolution_m": plan.resolution_m,
             "pose": None if plan.pose is None else plan.pose.tolist(),
         },
@@ -175,7 +174,7 @@ def _plain_folder(folder: Path) -> MapDataSet:
 
 
 def _map_of(entry: dict[str, Any], folder: Path) -> DataSetMap:
-    resolution_m = _number(entry["resolution_m"])
+    resolution_m = number_or_none(entry["resolution_m"])
     if resolution_m is None or resolution_m <= 0.0:
         raise ValueError(f"resolution_m {entry['resolution_m']!r}, expected a positive number")
     scan_every, step, trajectory = entry["scan_every"], entry["step"], entry["trajectory"]
@@ -183,42 +182,29 @@ def _map_of(entry: dict[str, Any], folder: Path) -> DataSetMap:
         name=str(entry["name"]),
         path=folder / entry["map"],
         resolution_m=resolution_m,
-        rate_hz=_number(entry["rate_hz"]),
+        rate_hz=number_or_none(entry["rate_hz"]),
         scan_every=None if scan_every is None else int(scan_every),
         robot=str(entry["robot"]),
         step=None if step is None else int(step),
         pose=_pose(entry["pose"]),
         trajectory=None if trajectory is None else folder / trajectory,
-        warp_m=_number(entry.get("warp_m")) or 0.0,
+        warp_m=number_or_none(entry.get("warp_m")) or 0.0,
     )
 
 
 def _entry_of(each: DataSetMap, folder: Path) -> dict[str, Any]:
     return {
         "name": each.name,
-        "map": _relative(each.path, folder),
+        "map": relative_path(each.path, folder),
         "resolution_m": each.resolution_m,
         "rate_hz": each.rate_hz,
         "scan_every": each.scan_every,
         "robot": each.robot,
         "step": each.step,
         "pose": None if each.pose is None else each.pose.tolist(),
-        "trajectory": None if each.trajectory is None else _relative(each.trajectory, folder),
+        "trajectory": None if each.trajectory is None else relative_path(each.trajectory, folder),
         "warp_m": each.warp_m,
     }
-
-
-def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path, folder)).as_posix()
-
-
-def _number(value: object) -> float | None:
-    if value is None:
-        return None
-    number = float(value) if isinstance(value, (int, float)) else math.nan
-    if not math.isfinite(number):
-        raise ValueError(f"{value!r}, expected a number or null")
-    return number
 
 
 def _pose(value: object) -> FloatArray | None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
-import os
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,6 +16,7 @@ from drivers.wording import fault_in
 from mapping.grid import OccupancyGrid
 from mapping.map_io import read_map
 from tools.errors import ToolError
+from tools.json_values import number_or_none, relative_path
 from tools.results import writing_to
 
 FloatArray = NDArray[np.float64]
@@ -141,8 +140,8 @@ def _pair_of(entry: dict[str, Any], folder: Path) -> MapPair:
         building_b=str(entry["building_b"]),
         kind=kind,
         band=band,
-        overlap=_number_or_none(entry.get("overlap")),
-        common_wall_m=_number_or_none(entry.get("common_wall_m")),
+        overlap=number_or_none(entry.get("overlap")),
+        common_wall_m=number_or_none(entry.get("common_wall_m")),
         truth=None if truth is None else _truth_of(truth),
     )
 
@@ -159,21 +158,12 @@ def _truth_of(entry: dict[str, Any]) -> PairTruth:
     return PairTruth(T_a_b, points_a, points_b, right_m, right_deg)
 
 
-def _number_or_none(value: object) -> float | None:
-    if value is None:
-        return None
-    number = float(value) if isinstance(value, (int, float)) else math.nan
-    if not math.isfinite(number):
-        raise ValueError(f"{value!r}, expected a number or null")
-    return number
-
-
 def _entry_of(pair: MapPair, folder: Path) -> dict[str, Any]:
     truth = pair.truth
     return {
         "name": pair.name,
-        "a": Path(os.path.relpath(pair.a, folder)).as_posix(),
-        "b": Path(os.path.relpath(pair.b, folder)).as_posix(),
+        "a": relative_path(pair.a, folder),
+        "b": relative_path(pair.b, folder),
         "building_a": pair.building_a,
         "building_b": pair.building_b,
         "kind": pair.kind,
